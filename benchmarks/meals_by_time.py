@@ -19,8 +19,7 @@ import numpy as np
 from glucoloop.build.designs import controller_of
 from glucoloop.estimation.unknown_meal.replay import replay
 from glucoloop.meals import Meal, Scenario
-from glucoloop.sensors import correlated_noise, white_noise
-from glucoloop.sensors.settings import WhiteNoiseSettings
+from glucoloop.sensors import CorrelatedNoise, WhiteNoise, white_noise
 from glucoloop.simulation import simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation
@@ -35,7 +34,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=30)
     parser.add_argument("--carbs", type=float, default=50.0, help="g of the meal")
     asked = parser.parse_args()
-    situation = Situation(sensor=(WhiteNoiseSettings(variance=VARIANCE),), start=EVENING)
+    situation = Situation(sensor=(WhiteNoise(variance=VARIANCE),), start=EVENING)
     case, person = usual_case("meal-mpc", situation), situation.nominal
     setpoint = float(person.setpoint_mg_dl)
     keys = jax.vmap(jax.random.key)(np.arange(asked.runs))
@@ -44,7 +43,7 @@ def main() -> None:
         controller = controller_of(situation, told)
         for noise, sensor in (
             ("white", white_noise(VARIANCE)),
-            ("correlated", correlated_noise(9.0, 0.7)),
+            ("correlated", CorrelatedNoise(9.0, 0.7)),
         ):
 
             @jax.jit

@@ -14,8 +14,7 @@ import numpy as np
 
 from glucoloop.build.designs import controller_of
 from glucoloop.meals import Meal, Scenario
-from glucoloop.sensors import lag, white_noise
-from glucoloop.sensors.settings import WhiteNoiseSettings
+from glucoloop.sensors import Lag, WhiteNoise, white_noise
 from glucoloop.simulation import simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation
@@ -29,7 +28,7 @@ def main() -> None:
     parser.add_argument("--lag", type=float, default=10.0, help="minutes")
     parser.add_argument("--runs", type=int, default=30)
     asked = parser.parse_args()
-    situation = Situation(sensor=(WhiteNoiseSettings(variance=VARIANCE),))
+    situation = Situation(sensor=(WhiteNoise(variance=VARIANCE),))
     case, person = usual_case(asked.controller, situation), situation.nominal
     setpoint = float(person.setpoint_mg_dl)
     scenario = Scenario([Meal(50.0, 60.0)], 600.0)
@@ -37,8 +36,8 @@ def main() -> None:
     prompt = white_noise(VARIANCE)
     for name, known_min, sensor in (
         ("no lag", 0.0, prompt),
-        ("a lag, untold", 0.0, lag(asked.lag, prompt)),
-        ("a lag, told", asked.lag, lag(asked.lag, prompt)),
+        ("a lag, untold", 0.0, Lag(asked.lag, inner=prompt)),
+        ("a lag, told", asked.lag, Lag(asked.lag, inner=prompt)),
     ):
         told = dataclasses.replace(case, controller=dataclasses.replace(case.controller, sensor_lag_min=known_min))
         controller = controller_of(situation, told)

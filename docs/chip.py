@@ -27,10 +27,17 @@ import jax
 from glucoloop.cli.exported import Made
 from glucoloop.cli.jax_cache import keep_compiled
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
+from glucoloop.firmware.checks import (
+    bounds_proved,
+    change_proved,
+    emulated,
+    interpreted,
+    misra,
+    native,
+    on_this_computer,
+)
 from glucoloop.firmware.chips import CHIPS
 from glucoloop.firmware.exported import PRECISIONS
-from glucoloop.firmware.ladder import emulated, interpreted, native, on_this_computer
 from glucoloop.firmware.samples import joined
 from glucoloop.situations.situation import configured
 from glucoloop.studies.exported import Export
@@ -140,10 +147,10 @@ def other_ways(case, record):
     """Numbers of samples that were computed in other ways than where they were recorded."""
     exported, runs = case.made.exported, len(record.observations) // record.run
     checked = runs * (IN_NUMPY_SLOW if CONTROLLERS[case.controller].slow else IN_NUMPY)
-    rungs = {"samples": on_this_computer(exported, record), "samples_numpy": interpreted(exported, record, checked)}
+    checks = {"samples": on_this_computer(exported, record), "samples_numpy": interpreted(exported, record, checked)}
     if exported.source.lowered is not None:
-        rungs["samples_llvm"] = native(exported, record)
-    return {key: told(case, rung).measured["samples"] for key, rung in rungs.items()}
+        checks["samples_llvm"] = native(exported, record)
+    return {key: told(case, check).measured["samples"] for key, check in checks.items()}
 
 
 def on_chip(case, record, chip):
@@ -152,15 +159,15 @@ def on_chip(case, record, chip):
 
 def prove(cases):
     """The proofs and MISRA C:2012, of what has none yet."""
-    for name, rung_of in (("bounds", bounds_proved), ("change", change_proved), ("rules", misra)):
+    for name, check_of in (("bounds", bounds_proved), ("change", change_proved), ("rules", misra)):
         for case in cases:
             if name in kept(case)["proofs"]:
                 continue
             exported, start = case.made.exported, computed_s()
-            rung = rung_of(exported)
+            check = check_of(exported)
             took = computed_s() - start
-            keep(case, "proofs", name, {"holds": rung.holds, "found": rung.found, "seconds": round(took)})
-            print(f"{case.name}: {rung.found} ({took:.0f} s)", flush=True)
+            keep(case, "proofs", name, {"holds": check.holds, "found": check.finding, "seconds": round(took)})
+            print(f"{case.name}: {check.finding} ({took:.0f} s)", flush=True)
 
 
 def computed_s():
@@ -169,10 +176,10 @@ def computed_s():
     return used.ru_utime + used.ru_stime
 
 
-def told(case, rung):
-    if not rung.holds:
-        sys.exit(f"{case.name}: {rung.check}: {rung.found}")
-    return rung
+def told(case, check):
+    if not check.holds:
+        sys.exit(f"{case.name}: {check.name}: {check.finding}")
+    return check
 
 
 def table(columns, numbers, rows):

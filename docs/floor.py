@@ -16,8 +16,7 @@ from made import NAMES, made
 
 from glucoloop._pytree import pytree
 from glucoloop.control import Controller, design_linear_mpc, design_mpc_se
-from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
-from glucoloop.control.tuning import PARKER_1999
+from glucoloop.control.tuning import DEFAULT_FLOOR_WEIGHT, PARKER_1999
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient
 from glucoloop.reproduction.parker1999.experiments import NOISE_VARIANCE, SAMPLE_TIME_MIN

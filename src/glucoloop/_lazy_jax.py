@@ -1,4 +1,4 @@
-"""JAX and NumPy that are imported when they are first used, so that declarations may stand beside their science.
+"""JAX, NumPy and SciPy that are imported when they are first used, so that declarations may stand beside their science.
 
 A module that declares settings writes ``from glucoloop._lazy_jax import jax, jnp`` in place of ``import jax``: help and
 refusals then come at once. Importing JAX takes more than half a second.
@@ -6,6 +6,7 @@ refusals then come at once. Importing JAX takes more than half a second.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.abc
 import importlib.machinery
@@ -13,12 +14,15 @@ import importlib.util
 import sys
 from collections.abc import Callable, Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 if TYPE_CHECKING:
     import jax as jax
     import jax.numpy as jnp
     import numpy as np
+    import numpy.typing as npt
+    import scipy
+    import scipy.linalg
 else:
 
     class _Lazy:
@@ -30,9 +34,27 @@ else:
             setattr(self, name, value)
             return value
 
-    jax, jnp, np = map(_Lazy, ("jax", "jax.numpy", "numpy"))
+    jax, jnp, np, npt, scipy = map(_Lazy, ("jax", "jax.numpy", "numpy", "numpy.typing", "scipy"))
 
-__all__ = ["jax", "jnp", "np", "once_imported"]
+__all__ = ["jax", "jit", "jnp", "np", "npt", "once_imported", "scipy"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def jit(**options: Any) -> Callable[[F], F]:
+    """Decorator that is ``jax.jit`` with some options, applied when the function is first called."""
+
+    def decorate(function: F) -> F:
+        compiled = functools.cache(lambda: jax.jit(function, **options))
+
+        @functools.wraps(function)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            return compiled()(*args, **kwargs)
+
+        return cast(F, call)
+
+    return decorate
+
 
 _actions: list[Callable[[], None]] = []
 

@@ -16,10 +16,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final, NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
@@ -114,7 +111,9 @@ INSULINS: Final = {
 """Insulins under the skin by name, of LoopKit's `ExponentialInsulinModelPreset`."""
 
 
-def action_per_min(t_min: ArrayLike, action_min: ArrayLike, peak_min: ArrayLike) -> jax.Array:
+def action_per_min(
+    t_min: jax.typing.ArrayLike, action_min: jax.typing.ArrayLike, peak_min: jax.typing.ArrayLike
+) -> jax.Array:
     """Part of a dose that acts in a minute, at a time after its action began; its area is 1.
 
     ::
@@ -127,7 +126,9 @@ def action_per_min(t_min: ArrayLike, action_min: ArrayLike, peak_min: ArrayLike)
     return S / tau**2 * t * (1.0 - t / action_min) * jnp.exp(-t / tau)
 
 
-def insulin_left(t_min: ArrayLike, action_min: ArrayLike, peak_min: ArrayLike) -> jax.Array:
+def insulin_left(
+    t_min: jax.typing.ArrayLike, action_min: jax.typing.ArrayLike, peak_min: jax.typing.ArrayLike
+) -> jax.Array:
     """Part of a dose that has not acted yet, at a time after its action began: 1 before it, and 0 after its end."""
     tau, a, S = _shape(action_min, peak_min)
     t = jnp.clip(jnp.asarray(t_min, float), 0.0, action_min)
@@ -135,7 +136,7 @@ def insulin_left(t_min: ArrayLike, action_min: ArrayLike, peak_min: ArrayLike) -
     return 1.0 - S * (1.0 - a) * trajectory
 
 
-def _shape(action_min: ArrayLike, peak_min: ArrayLike) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _shape(action_min: jax.typing.ArrayLike, peak_min: jax.typing.ArrayLike) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Time constant, twice that over the time of action, and scale of the curve."""
     action, peak = jnp.asarray(action_min, float), jnp.asarray(peak_min, float)
     tau = peak * (1.0 - peak / action) / (1.0 - 2.0 * peak / action)

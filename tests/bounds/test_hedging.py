@@ -8,7 +8,7 @@ from scipy.optimize import linprog
 
 import glucoloop as gl
 from glucoloop.bounds import hedged_doses
-from glucoloop.bounds.hedging import LARGER, first_distinct
+from glucoloop.bounds.hedging import LARGER, _first_distinct
 from glucoloop.bounds.trajectory import trajectory_of
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 
@@ -29,14 +29,14 @@ def test_best_test_is_wrong_so_often(error):
     # the likelihood ratio of drawn readings, with the first sample that is enough and with those before it
     rng = np.random.default_rng(2)
     difference = 0.15 * np.maximum(np.arange(30.0) - 5.0, 0.0)
-    first = first_distinct(difference, 1.45, error)
+    first = _first_distinct(difference, 1.45, error)
     meal = rng.random(60_000) < 0.5
     readings = meal[:, None] * difference + rng.normal(0.0, np.sqrt(1.45), (meal.size, 30))
     evidence = np.cumsum(difference * (readings - difference / 2.0), axis=1) > 0.0
     wrong = np.mean(evidence != meal[:, None], axis=0)
     assert wrong[first] < error + 0.005
     assert wrong[first - 1] > error - 0.005
-    assert first_distinct(np.zeros(30), 1.45, error) == 30
+    assert _first_distinct(np.zeros(30), 1.45, error) == 30
 
 
 def test_doses_are_the_same_until_the_worlds_are_told_apart(hedged):

@@ -5,11 +5,11 @@ import dataclasses
 import pytest
 
 from glucoloop.build.designs import controller_of, nominal_model
-from glucoloop.sensors.settings import WhiteNoiseSettings
+from glucoloop.sensors import WhiteNoise
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
 
-NOISY = Situation(sensor=(WhiteNoiseSettings(variance=25.0, bound_mg_dl=30.0),), seed=1)
+NOISY = Situation(sensor=(WhiteNoise(variance=25.0, bound_mg_dl=30.0),), seed=1)
 
 
 @pytest.mark.long

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 from glucoloop.build.surroundings import sensor_of
-from glucoloop.sensors import Reading
-from glucoloop.sensors.settings import IdealSettings, LagSettings, SensorPart, WhiteNoiseSettings
+from glucoloop.sensors import IdealSensor, Lag, Reading, SensorPart, WhiteNoise
 from glucoloop.situations.situation import Situation
 
 
@@ -30,11 +29,11 @@ class AlonePart(SensorPart, name="alone"):
 
 
 def test_it_is_put_at_the_site_that_an_ideal_part_names():
-    chain = IdealSettings(site="interstitial"), AlonePart(), LagSettings(lag_min=8.0)
+    chain = IdealSensor(site="interstitial"), AlonePart(), Lag(lag_min=8.0)
     sensor = sensor_of(Situation(sensor=chain))
     assert sensor.inner == Alone("interstitial")
 
 
 def test_it_is_refused_around_another():
     with pytest.raises(ValueError, match="the sensor alone has no other one inside; give it first"):
-        sensor_of(Situation(sensor=(WhiteNoiseSettings(), AlonePart())))
+        sensor_of(Situation(sensor=(WhiteNoise(), AlonePart())))

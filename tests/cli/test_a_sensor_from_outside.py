@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from glucoloop.build.surroundings import sensor_of
-from glucoloop.cohorts.engine import prepare
-from glucoloop.cohorts.trial import Trial, fingerprint
-from glucoloop.sensors import IdealSensor, dead_time, white_noise
+from glucoloop.sensors import SENSORS, IdealSensor, dead_time, white_noise
 from glucoloop.sensors.protocol import site_of
-from glucoloop.sensors.settings import SENSORS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
+from glucoloop.trials.engine import prepare
+from glucoloop.trials.trial import Trial, fingerprint
 
 NAME = "your_own_sensor:LateSteps"
 
@@ -59,7 +58,7 @@ def test_runs_and_trials_keep_it_with_all_its_settings(outside):
     ("text", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_sensor:LateSensor", "your_own_sensor:LateSensor is no sensor: make it a class of SensorPart"),
+        ("your_own_sensor:Reading", "your_own_sensor:Reading is no sensor: make it a class of SensorPart"),
         ("nothing", "unknown sensor 'nothing'"),
         (f"{NAME}, lag_h=1", "the sensor late-steps has no setting 'lag_h'; did you mean 'lag_min'?"),
         (f"{NAME}, lag_min=0", "late-steps: lag_min is 0 min; give a finite number above 0 min"),

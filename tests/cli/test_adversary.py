@@ -35,7 +35,7 @@ class Once:
         return self.known[self.key][1].results_of(rows)
 
 
-SEARCH = study.AdversarySearch
+SEARCH = study._AdversarySearch
 
 
 @pytest.fixture(autouse=True)

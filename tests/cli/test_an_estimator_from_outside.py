@@ -3,8 +3,8 @@
 import pytest
 
 from glucoloop.build.designs import controller_of
-from glucoloop.estimation.unknown_meal.settings import ESTIMATORS
-from glucoloop.report.descriptions import case_in_words
+from glucoloop.estimation.unknown_meal import ESTIMATORS
+from glucoloop.report.descriptions import _case_in_words
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection
@@ -30,7 +30,7 @@ def test_the_controller_is_designed_with_it_and_its_settings(outside):
     estimator = controller_of(run, run.case).estimator
     assert (estimator.fast_meals, estimator.fast_horizon) == (0.25, 6)
     assert run.tree(whole=True)["controller"][0]["estimator"] == {"name": NAME, "share": 0.25}
-    assert f"estimator {NAME}, share=0.25" in case_in_words(run.case)
+    assert f"estimator {NAME}, share=0.25" in _case_in_words(run.case)
 
 
 def test_it_is_tested_beside_others(outside):

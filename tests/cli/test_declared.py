@@ -13,7 +13,6 @@ import pytest
 
 from glucoloop.cli import app
 from glucoloop.cli.study_command import study_options
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.part import Part
 from glucoloop.report.columns import Column, terminal_table, whole
 from glucoloop.situations.option import Option
@@ -21,6 +20,7 @@ from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.catalogue import SAFETY, CommandEntry
 from glucoloop.studies.study import PlainStudy, SearchStudy
+from glucoloop.trials.trial import Trial
 
 _search = functools.partial(Option, panel="Search")
 
@@ -85,7 +85,7 @@ class Squares(types.ModuleType):
     def amount(self, asked):
         return asked.steps
 
-    def found(self, asked, progress):
+    def results_of(self, asked, progress):
         rows = []
         for row in self.search(asked).missing([]):
             rows.append(row)
@@ -103,7 +103,7 @@ class Squares(types.ModuleType):
     def sentences(self, asked, found):
         yield f"The sum is {found.plain['sum']} and the mean {found.plain['mean']}."
 
-    def drawn(self, asked, found):
+    def files_of(self, asked, found):
         return {"page.html": b"<!doctype html>"}
 
 

@@ -11,8 +11,8 @@ from glucoloop.estimation.unknown_meal.replay import MealEstimates
 from glucoloop.meals import draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection, study
-from glucoloop.studies.detection.evaluate import Days, Scores, score
-from glucoloop.studies.detection.study import findings, plot_detection
+from glucoloop.studies.detection.evaluate import Scores, _Days, _score
+from glucoloop.studies.detection.study import _findings, _plot_detection
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
 TABLES = ("meals", "curve", "size_error", "day")
@@ -37,7 +37,7 @@ def done(detection):
     eating = ((since > 0.0) & (since < carbs_g / 0.36)).any(axis=1).astype(float)
     first, second = np.moveaxis(np.minimum(carbs_g, 0.36 * np.maximum(since, 0.0)), 1, 0)
     told = np.where(second > 0.0, second, first)
-    days = Days(
+    days = _Days(
         person=np.array([0]),
         day=np.array([0]),
         meals=meals,
@@ -51,7 +51,7 @@ def done(detection):
     alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
     fed = dataclasses.replace(days, estimates=MealEstimates(**estimates))
     fasted = dataclasses.replace(days, estimates=MealEstimates(**{**estimates, "eating": alarm}))
-    return Scores({name: score(detection, fed, fasted) for name in detection.tried}, 1, 0)
+    return Scores({name: _score(detection, fed, fasted) for name in detection.tried}, 1, 0)
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
 
 def test_nothing_of_the_figure_is_clipped():
     asked = configured(Detection, days=1)
-    figure = plot_detection(findings(asked, done(asked)), title="A title that is long " * 4)
+    figure = _plot_detection(_findings(asked, done(asked)), title="A title that is long " * 4)
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert min(drawn.x0, drawn.y0) >= 0.0

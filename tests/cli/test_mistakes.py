@@ -433,7 +433,7 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
     monkeypatch.setattr("glucoloop.studies.run.study.results_of", lambda *_: Results({"summary": {"sentences": []}}))
-    monkeypatch.setattr("glucoloop.studies.run.study.drawn", lambda *_, **__: {"a.txt": b"a"})
+    monkeypatch.setattr("glucoloop.studies.run.study.files_of", lambda *_, **__: {"a.txt": b"a"})
     monkeypatch.setattr("glucoloop.studies.run.study.tables", lambda *_: ())
     monkeypatch.setattr("glucoloop.studies.run.study.sentences", raising(error))
     answer = glucoloop("run", "--out", "out")
@@ -537,7 +537,7 @@ def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, mo
     for engine in (
         "studies.adversary.study.search",
         "studies.robust.study.search",
-        "cohorts.engine.prepare",
+        "trials.engine.prepare",
     ):
         monkeypatch.setattr(f"glucoloop.{engine}", lambda *_, **__: pytest.fail("it was computed"))
     monkeypatch.setitem(sys.modules, package, None)

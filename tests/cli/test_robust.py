@@ -57,7 +57,7 @@ class ClosedForm:
 
 @pytest.fixture(autouse=True)
 def _closed_form(monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
+    monkeypatch.setattr("glucoloop.studies.robust.search._TuningLoop", ClosedForm)
 
 
 @pytest.mark.long
@@ -103,7 +103,7 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
 
 @pytest.fixture
 def _plain(monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.robust.study.plot_robust", lambda *_, **__: Figure())
+    monkeypatch.setattr("glucoloop.studies.robust.study._plot_robust", lambda *_, **__: Figure())
 
 
 @pytest.mark.long

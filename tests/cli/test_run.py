@@ -230,14 +230,14 @@ def test_glucose_below_the_validity_of_the_model_is_told(glucoloop):
 def test_samples_without_a_finite_dose_are_told():
     from types import SimpleNamespace
 
-    from glucoloop.studies.closed_loop import notes_on_trace
+    from glucoloop.studies.closed_loop import _notes_on_trace
 
     grid = np.arange(11.0)
     trace: Any = SimpleNamespace(
         t_min=grid[:-1:5], fine_t_min=grid, fine_glucose_mg_dl=80.0 + grid, lowest_valid_mg_dl=44.5
     )
     metrics: Any = SimpleNamespace(samples_non_finite=1)
-    [note] = notes_on_trace(trace, metrics)
+    [note] = _notes_on_trace(trace, metrics)
     assert note.startswith("At 1 of 2 samples the controller computed no finite dose; the last one was kept, or")
     metrics.samples_non_finite = 0
-    assert list(notes_on_trace(trace, metrics)) == []
+    assert list(_notes_on_trace(trace, metrics)) == []

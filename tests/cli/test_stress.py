@@ -29,7 +29,7 @@ FILES = {
 @pytest.fixture
 def _plain(monkeypatch):
     monkeypatch.setattr("glucoloop.studies.stress.study.page", lambda asked, found: "")
-    monkeypatch.setattr("glucoloop.studies.stress.study.plot_stress", lambda found: Figure())
+    monkeypatch.setattr("glucoloop.studies.stress.study._plot_stress", lambda found: Figure())
 
 
 def test_folder_holds_every_cell_and_repeats_itself(glucoloop, tmp_path):

@@ -129,7 +129,7 @@ def test_one_person_is_told_with_what_he_meets(glucoloop, finds):
 
 @pytest.mark.long
 def test_a_campaign_runs(glucoloop, monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.verification.campaign.horizon_min", lambda name: 100.0)
+    monkeypatch.setattr("glucoloop.studies.verification.campaign._horizon_min", lambda name: 100.0)
     answer = glucoloop("verify", "--loops", 30, "--controller", "basal")
     assert answer.code == 0
     assert "30 loops, 600 samples, " in answer.out

@@ -9,7 +9,7 @@ from glucoloop.build.designs import SituationDesignCase
 from glucoloop.component.setting import Default
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.protocol import gives_boluses
-from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
+from glucoloop.control.tuning import DEFAULT_FLOOR_WEIGHT
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients.settings import DEFAULT_PATIENT, OperatingPoint, PatientPart
 from glucoloop.pumps import PARKER_1999_LIMITS

@@ -19,7 +19,7 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.qp import minimise_moves_above_floor, soft_floor
 from glucoloop.simulation import nonlinear_model
-from glucoloop.tuning.search import padded
+from glucoloop.tuning.search import _padded
 from observing import observing
 
 IMPULSE = -0.12 * (np.exp(-np.arange(1, 37) / 9.0) - np.exp(-np.arange(1, 37) / 3.0))
@@ -151,7 +151,7 @@ def test_the_nonlinear_controller_keeps_a_floor(imagined):
     assert far == pytest.approx(without, abs=1e-9)
     assert BASAL < near < without - 1.0
     # a padded one looks at more samples, but for the floor at its own alone
-    np.testing.assert_array_equal(padded(controller, 2, 7).floor.weight, [10.0] * 5 + [0.0] * 2)
+    np.testing.assert_array_equal(_padded(controller, 2, 7).floor.weight, [10.0] * 5 + [0.0] * 2)
 
 
 @pytest.mark.long
@@ -160,7 +160,7 @@ def test_a_padded_controller_keeps_its_floor(design):
     controller = design(glucose_floor_mg_dl=70.0)
     own = in_a_row(controller, NEAR, setpoint=64.0)
     assert np.max(np.abs(own[0] - in_a_row(design(constraints="qp"), NEAR, setpoint=64.0)[0])) > 0.5
-    np.testing.assert_allclose(in_a_row(padded(controller, 2, 13), NEAR, setpoint=64.0), own, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(in_a_row(_padded(controller, 2, 13), NEAR, setpoint=64.0), own, rtol=0.0, atol=1e-9)
 
 
 def test_people_have_the_controllers_that_each_has_alone():

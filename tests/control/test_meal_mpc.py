@@ -11,8 +11,7 @@ from scipy.optimize import minimize
 from glucoloop._pytree import pytree
 from glucoloop.control import MealTuning, Observation, Status, design_meal_mpc
 from glucoloop.control.meal_mpc import _variance_told
-from glucoloop.estimation.unknown_meal import MealHabits
-from glucoloop.estimation.unknown_meal.settings import KalmanSettings, MovingHorizonSettings
+from glucoloop.estimation.unknown_meal import KalmanSettings, MealHabits, MovingHorizonSettings
 from glucoloop.meals import Scenario
 from glucoloop.patients import patient
 from glucoloop.sensors import dead_time, white_noise

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.control.profile_mpc import design_profile_mpc, forecast_of
-from glucoloop.control.profile_settings import ProfileMPCSettings
+from glucoloop.control.profile_mpc import ProfileMPCSettings, design_profile_mpc, forecast_of
 from glucoloop.control.protocol import Observation, Status, computed_settings
 from glucoloop.meals import Scenario
 from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS

@@ -35,7 +35,7 @@ from glucoloop.simulation.engines import make_engine
 
 SAMPLES = 20
 START = 100.0
-NOISY = white_noise(1.45, 5.0, dead_time(1))
+NOISY = white_noise(1.45, 5.0, inner=dead_time(1))
 KEY = jax.random.key(11)
 IDEAL = IdealSensor()
 

@@ -14,7 +14,7 @@ from glucoloop.firmware.hil.loop import run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
 from glucoloop.firmware.samples import example
 from glucoloop.meals import Meal, Scenario
-from glucoloop.sensors.settings import WhiteNoiseSettings
+from glucoloop.sensors import WhiteNoise
 from glucoloop.simulation import simulate
 from glucoloop.simulation.stepper import scenario_stepper
 from glucoloop.situations.case import usual_case
@@ -70,7 +70,7 @@ def together(situation, case, scenario, precision="float32"):
 @pytest.fixture(scope="session")
 def on_chip():
     """A PID; the meal comes within a sample, and readings are noisy."""
-    situation = Situation(sensor=(WhiteNoiseSettings(variance=1.45),))
+    situation = Situation(sensor=(WhiteNoise(variance=1.45),))
     return together(situation, usual_case("pid", situation), Scenario((Meal(50.0, 17.0, 10.0),), 120.0))
 
 

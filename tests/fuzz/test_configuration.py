@@ -7,9 +7,8 @@ import tomli_w
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.grammar import given as given_values
-from glucoloop.control.settings import LinearMPCSettings
+from glucoloop.control.linear_mpc import LinearMPCSettings
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
 from glucoloop.situations.request import request_from
@@ -17,6 +16,7 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.studies.identification import ModelRequest
 from glucoloop.studies.run import Comparison
+from glucoloop.trials.trial import Trial
 
 scalars = st.one_of(
     st.booleans(),

@@ -19,7 +19,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control import Observation, Status
 from glucoloop.control.catalogue import CONTROLLERS as ENTRIES
 from glucoloop.control.protocol import gives_boluses
-from glucoloop.estimation.unknown_meal.settings import MovingHorizonSettings
+from glucoloop.estimation.unknown_meal import MovingHorizonSettings
 from glucoloop.identification import FirstOrderModel
 from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.models.state_space import impulse_response

@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.build.designs import with_guard
-from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import faulty_pump, faulty_sensor
 from glucoloop.control import GuardSettings, Status, design_pid, guarded, internal_model_tuning
 from glucoloop.faults import FAULTS, Episodes, Missing, Nonsense
 from glucoloop.meals import Meal, Scenario, eaten
@@ -22,7 +22,13 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import Adaptive, simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
-from glucoloop.studies.verification.campaign import KINDS, PUMP_KINDS, catalogue_controller, random_faults, random_order
+from glucoloop.studies.verification.campaign import (
+    KINDS,
+    PUMP_KINDS,
+    _random_faults,
+    _random_order,
+    catalogue_controller,
+)
 from glucoloop.therapy import given_profile
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
@@ -34,7 +40,7 @@ PID = design_pid(internal_model_tuning(-3.0, 80.0, 5.0, 30.0))
 
 def test_glucose_and_insulin_are_conserved_whatever_fails(ledger, conserved):
     scenario = Scenario([Meal(60.0, 31.7)], 200.0)
-    faults = random_faults(random_order(4, 0), 4, np.arange(400), 40)
+    faults = _random_faults(_random_order(4, 0), 4, np.arange(400), 40)
     of_pump = sum(faults.there[kind].astype(int) for kind in PUMP_KINDS)
     both = np.flatnonzero((of_pump >= 1) & (sum(faults.there[kind].astype(int) for kind in KINDS) == 3))
     lost = []

@@ -9,7 +9,7 @@ import pytest
 
 from glucoloop import faults as parts
 from glucoloop.lab.pack import DATA, PAGE
-from glucoloop.native.targets.wasm.module import HOST
+from glucoloop.native.targets.wasm.module import _HOST
 
 NODE = shutil.which("node")
 
@@ -25,7 +25,7 @@ def in_node(tmp_path_factory):
         request, answer = folder / "request.json", folder / "answer.json"
         request.write_text(json.dumps(situations))
         script = Path(__file__).with_name("simulate.mjs")
-        subprocess.run([NODE, script, PAGE, HOST, request, answer, built], check=True, timeout=300)
+        subprocess.run([NODE, script, PAGE, _HOST, request, answer, built], check=True, timeout=300)
         return json.loads(answer.read_text())
 
     return ask

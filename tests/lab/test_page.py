@@ -16,7 +16,7 @@ import pytest
 from browser import MODULES, NODE, needs_modules
 from glucoloop.lab.pack import DATA, MODULE, PAGE, page
 from glucoloop.lab.patient_functions import FAMILIES
-from glucoloop.native.targets.wasm.module import HOST
+from glucoloop.native.targets.wasm.module import _HOST
 from glucoloop.pages.script import PAGES
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.situations.run import Run
@@ -66,7 +66,7 @@ def test_every_module_is_in_the_file(text):
     there = re.findall(r'^"([\w-]+)": \(\) => \{$', program, re.M)
     assert sorted(there) == sorted(
         path.stem
-        for path in (HOST, *PAGE.rglob("*.mjs"), *(PAGES / f"{name}.mjs" for name in ("axes", "chart", "csv", "data")))
+        for path in (_HOST, *PAGE.rglob("*.mjs"), *(PAGES / f"{name}.mjs" for name in ("axes", "chart", "csv", "data")))
     )
     assert set(re.findall(r' = need\("([\w-]+)"\);$', program, re.M)) <= set(there)
 
@@ -320,7 +320,7 @@ def test_the_exponential_is_that_of_python():
 
 def test_what_gives_numbers_calls_no_function_that_differs_between_browsers():
     found = re.compile(r"Math\.(?!abs|ceil|floor|fround|LN2|max|min|round|sign|sqrt|trunc)\w+|\*\* ?(?!2\b)\w+")
-    for path in (*(PAGE / f"{name}.mjs" for name in ("design", "loop", "prediction", "exact")), HOST):
+    for path in (*(PAGE / f"{name}.mjs" for name in ("design", "loop", "prediction", "exact")), _HOST):
         code = re.sub(r"/\*\*.*?\*/", "", path.read_text(), flags=re.DOTALL)
         assert found.findall(code) == [], path.name
 

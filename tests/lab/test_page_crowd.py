@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from glucoloop.build.designs import controller_of
-from glucoloop.lab.own_people import with_people
 from glucoloop.lab.pack import DATA, MODULE, PAGE
 from glucoloop.lab.patient_functions import people_of, situation
+from glucoloop.lab.people import with_people
 from glucoloop.patients import virtual_people
 from glucoloop.patients.population import draw, of_people
 from glucoloop.patients.settings import PATIENTS

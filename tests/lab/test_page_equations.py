@@ -11,11 +11,11 @@ from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.lab import build
-from glucoloop.lab.lowered_functions import parts
+from glucoloop.lab.build import _functions
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import GRID
 from glucoloop.native.interpreter import Interpreter
-from glucoloop.native.targets.wasm.module import linker
+from glucoloop.native.targets.wasm.module import _linker_path
 from glucoloop.simulation.plant import Exogenous
 from page_loops import run_of
 
@@ -40,14 +40,14 @@ CLOSE_MG_DL = 1e-4
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     """Functions and numbers of the page for the example, and the folder with them."""
-    if linker() is None:
+    if _linker_path() is None:
         pytest.skip("needs wasm-ld (Debian: apt install lld)")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(EXAMPLES))
-        of_page, data = parts(FAMILY), numbers(FAMILY)
+        of_page, data = _functions(FAMILY), numbers(FAMILY)
         folder = tmp_path_factory.mktemp("built")
-        (folder / "lab.wasm").write_bytes(build.module(of_page))
-        (folder / "lab.json").write_text(json.dumps({"functions": build.functions(of_page), **data}))
+        (folder / "lab.wasm").write_bytes(build._module(of_page))
+        (folder / "lab.json").write_text(json.dumps({"functions": build._layout(of_page), **data}))
         yield folder, of_page, data
 
 

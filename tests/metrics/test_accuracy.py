@@ -6,7 +6,7 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.metrics.accuracy import ZONES, clarke_zones
-from glucoloop.sensors.settings import SENSORS
+from glucoloop.sensors import SENSORS
 from other_programs import answer_of
 
 # Glucose, reading and zone, on both sides of the lines that Clarke et al. draw.

@@ -11,15 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.build.designs import controller_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, StateTuning, design_mpc_se
-from glucoloop.control.settings import MPCSESettings
+from glucoloop.control.mpc_se import MPCSESettings
 from glucoloop.models.nonlinear import individual_model
 from glucoloop.models.sensor_lag import behind_lag, linear_behind_lag
 from glucoloop.models.state_space import ContinuousModel, discretise, linearise, step_response
 from glucoloop.sensors.delay import lagged
 from glucoloop.simulation import linear_model, nonlinear_model
 from glucoloop.situations.situation import configured
+from glucoloop.trials.trial import Trial
 
 LAG, GAIN, TAU = 10.0, -3.0, 50.0
 REST = 81.0

@@ -75,8 +75,8 @@ def flat(results):
 @pytest.fixture
 def looping(monkeypatch):
     """Every loop stays one."""
-    monkeypatch.setattr(flatten, "LARGEST_LOOP", 0)
-    monkeypatch.setattr(flatten, "FEW_ROUNDS", 0)
+    monkeypatch.setattr(flatten, "_LARGEST_LOOP", 0)
+    monkeypatch.setattr(flatten, "_FEW_ROUNDS", 0)
 
 
 def lowered(function, **how):
@@ -110,7 +110,7 @@ def test_native_code_is_the_interpreter_to_the_bit_however_it_is_cut(
 
 def test_rounds_as_written_are_the_same_written_out(looping, monkeypatch):
     looped = lowered(rounds, as_written=True)
-    monkeypatch.setattr(flatten, "LARGEST_LOOP", 10**9)
+    monkeypatch.setattr(flatten, "_LARGEST_LOOP", 10**9)
     written_out = lowered(rounds, as_written=True)
     assert len(looped.program.loops) == 2
     assert not written_out.program.loops
@@ -151,7 +151,7 @@ def test_what_no_round_changes_and_what_is_equal_is_carried_once_or_not_at_all(l
         return jax.lax.scan(one, (x, x, rows[0, 0], jnp.zeros(())), rows[:, 0])[0]
 
     [loop] = lowered(twins).program.loops.values()
-    assert len(loop.carried) == 3  # the three numbers of x
+    assert len(loop.carry) == 3  # the three numbers of x
 
 
 def test_a_long_loop_stays_one(native, by_jax):

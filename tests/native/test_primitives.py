@@ -26,7 +26,7 @@ def equations(function, *arguments):
     def walk(closed):
         for equation in closed.jaxpr.eqns:
             found.setdefault(equation.primitive.name, equation)
-            inner = primitives.called(equation)
+            inner = primitives.callee(equation)
             if inner is not None:
                 walk(inner)
 
@@ -76,19 +76,19 @@ def test_each_call_is_tried():
 
 @pytest.mark.parametrize("name", CALLS)
 def test_the_function_that_a_call_calls(name):
-    inner = primitives.called(equations(CALLS[name], X)[name])
+    inner = primitives.callee(equations(CALLS[name], X)[name])
     np.testing.assert_array_equal(evaluated(inner, X)[0], 3.0 * X)
 
 
 def test_a_call_of_a_function_with_constants():
     table = np.asarray([1.0, 2.0, 4.0, 8.0])
-    inner = primitives.called(equations(jax.checkpoint(lambda x: x * table), X)["remat2"])
+    inner = primitives.callee(equations(jax.checkpoint(lambda x: x * table), X)["remat2"])
     extra = len(inner.jaxpr.invars) - 1
     np.testing.assert_array_equal(evaluated(inner, *[table] * extra, X)[0], X * table)
 
 
 def test_what_is_no_call():
-    assert primitives.called(equations(jnp.sin, X)["sin"]) is None
+    assert primitives.callee(equations(jnp.sin, X)["sin"]) is None
 
 
 @pytest.mark.parametrize("reverse", [False, True], ids=["forwards", "backwards"])
@@ -103,7 +103,7 @@ def test_scan(reverse):
     gain, offset, start = jnp.asarray(0.5), jnp.asarray(2.0), (jnp.asarray(1.0), jnp.asarray(0.0))
     equation = equations(function, gain, offset, start, X)["scan"]
     loop = primitives.scan(equation)
-    assert (loop.length, loop.reverse, loop.constants, loop.carried) == (3, reverse, 2, 2)
+    assert (loop.length, loop.reverse, loop.constants, loop.carry) == (3, reverse, 2, 2)
     total, count, before, row = evaluated(loop.round, gain, offset, *start, X[1])
     assert (float(total), float(count), float(before)) == (0.5 + 2.0 * float(X[1].sum()), 1.0, 1.0)
     np.testing.assert_array_equal(row, -X[1])
@@ -112,13 +112,13 @@ def test_scan(reverse):
 def test_scan_without_rows_constants_or_results():
     equation = equations(lambda x: jax.lax.scan(lambda c, _: (c + 1.0, None), x, None, length=7)[0], X)["scan"]
     loop = primitives.scan(equation)
-    assert (loop.length, loop.reverse, loop.constants, loop.carried) == (7, False, 0, 1)
+    assert (loop.length, loop.reverse, loop.constants, loop.carry) == (7, False, 0, 1)
 
 
 def test_scan_of_a_loop_that_counts():
     equation = equations(lambda x: jax.lax.fori_loop(0, 5, lambda i, c: c + i, x), X)["scan"]
     loop = primitives.scan(equation)
-    assert (loop.length, loop.constants, loop.carried) == (5, 0, 2)
+    assert (loop.length, loop.constants, loop.carry) == (5, 0, 2)
 
 
 REDUCTIONS = {
@@ -193,7 +193,7 @@ class Changed:
 
 
 READERS = {
-    "jit": primitives.called,
+    "jit": primitives.callee,
     "scan": primitives.scan,
     "reduce_sum": primitives.axes,
     "integer_pow": primitives.exponent,
@@ -264,8 +264,8 @@ def test_moves_are_those_of_jax():
         values = {closed.jaxpr.invars[0]: np.asarray(X)}
         for equation in closed.jaxpr.eqns:
             given = [np.asarray(a.val) if isinstance(a, core.Literal) else values[a] for a in equation.invars]
-            if primitives.called(equation) is not None:
-                results = evaluated(primitives.called(equation), *given)
+            if primitives.callee(equation) is not None:
+                results = evaluated(primitives.callee(equation), *given)
             else:
                 results = primitives.moved(equation, given)
             values.update(zip(equation.outvars, map(np.asarray, results), strict=True))
@@ -287,7 +287,7 @@ def test_triangular_solve(left, lower, transposed, unit):
         )
 
     found = primitives.triangular(equations(solve, jnp.eye(3), jnp.eye(3))["triangular_solve"])
-    assert found == primitives.Triangular(left=left, lower=lower, transposed=transposed, unit_diagonal=unit)
+    assert found == primitives._Triangular(left=left, lower=lower, transposed=transposed, unit_diagonal=unit)
 
 
 def test_solver_of_linear_equations():

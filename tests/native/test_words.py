@@ -13,7 +13,7 @@ from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.program import SAMPLE, WORD, Program
 from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.words import WordFlattener, lower_drawing
+from glucoloop.native.words import _WordFlattener, lower_drawing
 
 PEOPLE = 61
 KEYS = jax.random.split(jax.random.key(11), PEOPLE)
@@ -90,7 +90,7 @@ def inverse_of_erf(x):
         del person, shared, rng
         return carry, jax.lax.erf_inv(own)
 
-    lowered = lower(step, (), jnp.zeros(()), jnp.zeros(()), (), flattener=WordFlattener)
+    lowered = lower(step, (), jnp.zeros(()), jnp.zeros(()), (), flattener=_WordFlattener)
     return interpret(lowered, carry=np.zeros((1, x.size)), own=x[None])[1][0]
 
 
@@ -130,7 +130,7 @@ def test_pairs_of_words_are_whole_numbers_of_64_bits(x, y, bits):
     numbers = np.uint64(x), np.uint64(y)
     closed = jax.make_jaxpr(function)(*numbers)
     program = Program()
-    flattener = WordFlattener(program, "float64")
+    flattener = _WordFlattener(program, "float64")
     found = flattener.run(closed, [flattener.constants(np.asarray(n)) for n in numbers])
     for values, expected in zip(found, function(x, y), strict=True):
         high, low = (program.constants[v] for v in program.operations[int(values)][1])

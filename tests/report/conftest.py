@@ -7,7 +7,6 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from glucoloop.cohorts.bins import BAND_QUANTILES
 from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.report.trial_report import (
     CaseReport,
@@ -18,6 +17,7 @@ from glucoloop.report.trial_report import (
 )
 from glucoloop.storage.results import Results
 from glucoloop.studies.stress.study import NO_FAULT
+from glucoloop.trials.bins import BAND_QUANTILES
 from glucoloop.tuning.surface import TuningSurface
 from made_trace import trace_of
 
@@ -315,16 +315,16 @@ def league():
     from glucoloop.situations.situation import configured
     from glucoloop.studies.league import League
     from glucoloop.studies.league.numbers import METRICS
-    from glucoloop.studies.league.study import LeagueSearch, ShardResult, shards_of
+    from glucoloop.studies.league.study import _LeagueSearch, _ShardResult, _shards_of
 
     keys = {"people": 30, "bound_people": 3, "families": ["hovorka-2004", "roy-parker-2007"]}
     asked = configured(League, keys)
     rng, results = np.random.default_rng(0), []
-    for number, (line, shard, person) in enumerate(shards_of(asked)):
+    for number, (line, shard, person) in enumerate(_shards_of(asked)):
         there = person if number else person[:0]
         people = {"person": there, "able": there >= 0, **{name: rng.uniform(0, 90, there.size) for name in METRICS}}
-        results.append(ShardResult(line, shard, "native", "", "" if number else "its <gain> is 0", people))
-    return asked, LeagueSearch(asked).results_of(results)
+        results.append(_ShardResult(line, shard, "native", "", "" if number else "its <gain> is 0", people))
+    return asked, _LeagueSearch(asked).results_of(results)
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from glucoloop.reproduction.parker1999 import POINTS
 from glucoloop.reproduction.parker1999.comparison import ENTRIES, ComparedEntry, Reproduced
 from glucoloop.reproduction.parker1999.experiments import PointResults
 from glucoloop.reproduction.parker1999.study import page
-from glucoloop.studies.tuning.study import Searched, surface_page
+from glucoloop.studies.tuning.study import _Searched, _surface_page
 from glucoloop.tuning.grid import tuning_grid
 from monitor_records import with_gaps
 
@@ -64,8 +64,8 @@ def pages(quiet, noisy, make_report, make_stress, stress_page, league_page, surf
         "trial": trial_page(make_report("calm", "wild")),
         "stress": stress_page(make_stress(["imc", "mpc"], [FAULT], {("mpc", True, FAULT): (9.0, [1])})),
         "league": league_page,
-        "surface": surface_page(
-            Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
+        "surface": _surface_page(
+            _Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
         ),
         "record": record_page([_record("before", 14), _record("after", 3)], GOALS["adult"]),
         "groups": record_page(_groups(), GOALS["adult"], notes=["1 record could not be read."]),

@@ -2,7 +2,7 @@
 
 from glucoloop.build.designs import controller_of
 from glucoloop.control.protocol import computed_settings
-from glucoloop.report.descriptions import case_in_words, controllers_facts, engine_facts, engine_notes
+from glucoloop.report.descriptions import _case_in_words, controllers_facts, engine_facts, engine_notes
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
@@ -38,4 +38,4 @@ def test_the_page_of_a_trial_has_the_tuning_that_a_controller_used():
 def test_a_setting_without_a_value_is_not_told():
     run = configured(Run, controller="meal-mpc")
     assert run.case.tuning["meals_by_time"] == ""
-    assert "meals by time" not in case_in_words(run.case)
+    assert "meals by time" not in _case_in_words(run.case)

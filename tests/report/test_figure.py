@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop.report import plot
-from glucoloop.report.print_figure import figure_bytes, figure_files
+from glucoloop.report.print_figure import _figure_bytes, figure_files
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 
@@ -164,10 +164,10 @@ def test_a_figure_can_be_written_without_a_display(quiet, form):
 
 @pytest.mark.long
 def test_fonts_of_a_pdf_are_truetype_and_the_file_is_the_same_again(quiet):
-    pdf = figure_bytes(plot(quiet), "pdf")
+    pdf = _figure_bytes(plot(quiet), "pdf")
     assert b"/FontFile2" in pdf  # TrueType
     assert b"/Type3" not in pdf
-    assert pdf == figure_bytes(plot(quiet), "pdf")
+    assert pdf == _figure_bytes(plot(quiet), "pdf")
 
 
 @pytest.mark.long
@@ -176,7 +176,7 @@ def test_the_files_of_a_figure_have_one_layout_and_leave_it_its_own(quiet):
     layout = figure.get_layout_engine()
     files = figure_files("run", figure)
     assert set(files) == {"run.png", "run.svg", "run.pdf"}
-    assert files["run.png"] == figure_bytes(plot(quiet), "png")
+    assert files["run.png"] == _figure_bytes(plot(quiet), "png")
     assert files == figure_files("run", plot(quiet))
     assert figure.get_layout_engine() is layout
 

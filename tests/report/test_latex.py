@@ -10,7 +10,7 @@ from rich.text import Text
 from glucoloop.component.code import loaded
 from glucoloop.display_units import showing
 from glucoloop.report.columns import Column, MetricRow, lines_table, terminal_table, whole
-from glucoloop.report.latex import latex_tables, latex_text
+from glucoloop.report.latex import _latex_text, latex_tables
 from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.study import PlainStudy
 
@@ -113,7 +113,7 @@ def test_tables_are_numbered_and_what_is_no_table_is_a_bug():
     ],
 )
 def test_text_is_escaped(text, shown):
-    assert latex_text(text) == shown
+    assert _latex_text(text) == shown
 
 
 @pytest.mark.parametrize("name", [name for name, entry in STUDIES.items()])

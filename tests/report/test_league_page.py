@@ -3,7 +3,7 @@
 import pytest
 
 from glucoloop.studies.league import League
-from glucoloop.studies.league.shown import drawn, plot_league
+from glucoloop.studies.league.shown import _plot_league, files_of
 
 
 def test_the_page_says_who_is_best_who_is_harmed_and_who_takes_no_part(league_page, reader):
@@ -36,7 +36,7 @@ def test_the_page_says_who_is_best_who_is_harmed_and_who_takes_no_part(league_pa
 def test_the_figure_has_the_index_of_each_family_under_each_controller(league):
     asked, found = league
     over_all = {(row["family"], row["controller"]): row for row in found.rows if row["sensor"] == ""}
-    figure = plot_league(asked, found)
+    figure = _plot_league(asked, found)
     [axes] = figure.axes
     families, controllers = (
         [text.get_text() for text in labels] for labels in (axes.get_yticklabels(), axes.get_xticklabels())
@@ -52,6 +52,6 @@ def test_the_figure_has_the_index_of_each_family_under_each_controller(league):
 
 @pytest.mark.long
 def test_the_figure_is_written_for_print(league):
-    files = drawn(*league)
+    files = files_of(*league)
     assert files["figure.pdf"].startswith(b"%PDF")
     assert {"figure.png", "figure.svg", "league.html"} <= files.keys()

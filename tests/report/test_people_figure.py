@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.cohorts.people_run import PeopleRun
-from glucoloop.report.figure import bands
+from glucoloop.report.figure import _bands
+from glucoloop.trials.people_run import PeopleRun
 
 
 def run_of(people=40, samples=24, shift=0.0):
@@ -24,11 +24,11 @@ def run_of(people=40, samples=24, shift=0.0):
 
 def test_bands_are_percentiles_of_those_who_have_a_course():
     values = np.tile(np.arange(101.0), (3, 1))
-    np.testing.assert_allclose(bands(values), np.tile([[5.0], [25.0], [50.0], [75.0], [95.0]], 3))
+    np.testing.assert_allclose(_bands(values), np.tile([[5.0], [25.0], [50.0], [75.0], [95.0]], 3))
     values[1, 7] = np.nan
-    np.testing.assert_allclose(bands(values), np.percentile(np.delete(values, 7, axis=1), [5, 25, 50, 75, 95], axis=1))
+    np.testing.assert_allclose(_bands(values), np.percentile(np.delete(values, 7, axis=1), [5, 25, 50, 75, 95], axis=1))
     with pytest.raises(ValueError, match="no person has a finite course"):
-        bands(np.full((3, 4), np.nan))
+        _bands(np.full((3, 4), np.nan))
 
 
 def test_people_are_drawn_as_bands_about_their_median(tmp_path):

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from glucoloop.faults import FAULTS
 from glucoloop.patients import population
 from glucoloop.report.charts import GLUCOSE, Panel, thinned
-from glucoloop.report.descriptions import person_in_words, window_of
-from glucoloop.report.labelled_traces import periods
+from glucoloop.report.descriptions import _window_of, person_in_words
+from glucoloop.report.labelled_traces import _periods
 
 finite = st.floats(-1e4, 1e4)
 
@@ -31,7 +31,7 @@ def test_a_thinned_curve_keeps_its_ends_and_extremes(values, most):
 @given(there=st.lists(st.booleans(), min_size=1, max_size=60))
 def test_periods_cover_the_samples_and_no_others(there):
     t_min = 5.0 * np.arange(len(there) + 1)
-    found = periods(t_min, np.array(there))
+    found = _periods(t_min, np.array(there))
     covered = [any(start <= t < stop for start, stop in found) for t in t_min[:-1]]
     assert covered == there
     assert all(before[1] < after[0] for before, after in itertools.pairwise(found))
@@ -68,7 +68,7 @@ def test_a_value_that_is_held_is_written_once():
     ],
 )
 def test_the_time_of_a_fault_is_what_its_settings_say(fault, window):
-    assert window_of(FAULTS.choose(fault), 600.0) == window
+    assert _window_of(FAULTS.choose(fault), 600.0) == window
 
 
 def test_a_person_is_told_by_what_is_farthest_from_the_usual():

@@ -8,7 +8,7 @@ import pytest
 
 from glucoloop.report.heat import SHADES_PCT as SHADES
 from glucoloop.studies.stress import STANDARD_FAULTS
-from glucoloop.studies.stress.study import plot_stress
+from glucoloop.studies.stress.study import _plot_stress
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
 
@@ -48,7 +48,7 @@ def texts(figure):
 
 
 def test_each_map_shows_its_cells(result):
-    figure = plot_stress(result)
+    figure = _plot_stress(result)
     bare, guarded = map(cells, figure.axes)
     assert bare == {
         (0, 0): ("0", None),
@@ -67,7 +67,7 @@ def test_each_map_shows_its_cells(result):
 
 @pytest.mark.parametrize("guards", [(False,), (True,)])
 def test_with_one_kind_only_there_is_one_map(make_stress, guards):
-    (axes,) = plot_stress(make_stress(["imc"], [STUCK], guards=guards)).axes
+    (axes,) = _plot_stress(make_stress(["imc"], [STUCK], guards=guards)).axes
     assert axes.get_title("left") == ("With the guard" if guards[0] else "Without the guard")
 
 
@@ -83,7 +83,7 @@ def test_nothing_is_clipped_and_numbers_stay_in_their_cells(make_stress, control
     bad = {
         (label, guarded, fault): (88.8, range(40)) for label in labels for guarded in (False, True) for fault in [STUCK]
     }
-    figure = plot_stress(make_stress(labels, [STUCK, *STANDARD_FAULTS[:faults]], bad), width=width, title="Stress $x$")
+    figure = _plot_stress(make_stress(labels, [STUCK, *STANDARD_FAULTS[:faults]], bad), width=width, title="Stress $x$")
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert drawn.x0 >= 0.0
@@ -101,12 +101,12 @@ def test_nothing_is_clipped_and_numbers_stay_in_their_cells(make_stress, control
 
 def test_an_unknown_width_is_refused(result):
     with pytest.raises(ValueError, match="unknown width 'triple'"):
-        plot_stress(result, width="triple")
+        _plot_stress(result, width="triple")
 
 
 def test_it_is_written_apart_from_pyplot(result):
     file = io.BytesIO()
-    plot_stress(result).savefig(file, format="png", dpi=50)
+    _plot_stress(result).savefig(file, format="png", dpi=50)
     assert file.getvalue().startswith(b"\x89PNG")
     pyplot = sys.modules.get("matplotlib.pyplot")
     assert pyplot is None or not pyplot.get_fignums()

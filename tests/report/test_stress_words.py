@@ -7,12 +7,12 @@ import pytest
 
 from glucoloop.faults import FAULTS
 from glucoloop.patients import population
-from glucoloop.report.columns import percent, terse_percent, whole, whole_glucose
+from glucoloop.report.columns import _percent, terse_percent, whole, whole_glucose
 from glucoloop.report.descriptions import settings_in_words, short_names, when_in_words
 from glucoloop.report.heat import SHADES_PCT as SHADES
 from glucoloop.report.heat import UNKNOWN, shade_of
 from glucoloop.studies.stress import STANDARD_FAULTS
-from glucoloop.studies.stress.study import COLUMNS, conclusions, sentences, worse_people_text
+from glucoloop.studies.stress.study import COLUMNS, _conclusions, _worse_people_text, sentences
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
 
@@ -99,7 +99,7 @@ def test_what_is_set_is_said_with_its_unit():
     ],
 )
 def test_little_is_never_told_as_none(value, text, terse):
-    assert (percent(value), terse_percent(value)) == (text, terse)
+    assert (_percent(value), terse_percent(value)) == (text, terse)
 
 
 def test_a_number_that_rounds_to_nothing_has_no_sign():
@@ -148,7 +148,7 @@ def test_what_passes_and_what_fails_is_counted(make_stress):
             ("mpc", True, STUCK): (4.04, [17]),
         },
     )
-    passing, failing, harm, quiet, beyond = conclusions(result)
+    passing, failing, harm, quiet, beyond = _conclusions(result)
     assert passing == (
         "With the guard, 3 of 4 combinations of a controller and a fault passed: with the fault, nobody's time below "
         "60 mg/dl was longer by more than 1 % of the run than without it. Without the guard, 1 of 4 passed."
@@ -170,7 +170,7 @@ def test_reasons_follow_the_conclusions(make_stress):
     result = make_stress(["mpc"], [STUCK], {("mpc", True, STUCK): (4.04, [17])})
     asked = SimpleNamespace(population=population("parker2000"), seed=0)
     *first, reason = sentences(asked, result)
-    assert first == list(conclusions(result))
+    assert first == list(_conclusions(result))
     assert reason == (
         "mpc under stuck, with the guard: person 17, below 60 mg/dl for 4.0 % of the run longer. "
         "He ate <nothing> & fell."
@@ -183,20 +183,20 @@ def test_harm_that_the_guard_does_is_said(make_stress):
     assert (
         "In 1 of 2 combinations, those without a fault included, the mean time below 60 mg/dl was longer with the "
         "guard than without it: by at most 1.0 % of the run, in imc under stuck."
-    ) in conclusions(result)
+    ) in _conclusions(result)
 
 
 def test_only_the_worst_of_many_that_fail_are_listed(make_stress):
     faults = [f"drift, mg_dl_h={rate}" for rate in range(1, 9)]
     bad = {("imc", True, fault): (float(index + 2), [1]) for index, fault in enumerate(faults)}
-    _, failing, *_ = conclusions(make_stress(["imc"], faults, bad))
+    _, failing, *_ = _conclusions(make_stress(["imc"], faults, bad))
     assert failing.startswith("Combinations that failed with the guard: imc under drift 8 mg/dl per h (")
     assert failing.count("imc under") == 5
     assert failing.endswith("; and 3 more.")
 
 
 def test_a_test_without_a_guard_speaks_of_none(make_stress):
-    told = list(conclusions(make_stress(["imc"], [STUCK], {("imc", False, STUCK): (9.0, [1])}, guards=(False,))))
+    told = list(_conclusions(make_stress(["imc"], [STUCK], {("imc", False, STUCK): (9.0, [1])}, guards=(False,))))
     assert told[0].startswith("Without the guard, 0 of 1 combinations")
     assert told[1].startswith("Combinations that failed without the guard")
     assert len(told) == 3
@@ -210,7 +210,7 @@ def nobody(row):
 
 def test_cells_in_which_nobody_took_part_do_not_count_as_passing(make_stress):
     result = make_stress(["imc"], [STUCK, DRIFT], change=lambda row: nobody(row) if row["fault"] == DRIFT else {})
-    told = list(conclusions(result))
+    told = list(_conclusions(result))
     assert told[0].startswith("In 2 of 6 combinations the glucose of some people, 40 of 40 people at most")
     assert told[1] == (
         "With the guard, 1 of 1 combinations of a controller and a fault passed: with the fault, nobody's time below "
@@ -222,14 +222,14 @@ def test_cells_in_which_nobody_took_part_do_not_count_as_passing(make_stress):
 def test_who_took_no_part_is_told(make_stress, stress_page):
     told = "3 of 43 people have no basal rate for the setpoint and were left out."
     result = make_stress(["imc"], [STUCK], people=43)
-    assert next(conclusions(result)) == told
+    assert next(_conclusions(result)) == told
     assert told in stress_page(result)
-    assert "left out" not in " ".join(conclusions(make_stress(["imc"], [STUCK])))
+    assert "left out" not in " ".join(_conclusions(make_stress(["imc"], [STUCK])))
 
 
 def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
     result = make_stress(["imc"], [STUCK, DRIFT], change=lambda row: {"people": 38} if row["fault"] == DRIFT else {})
-    assert next(conclusions(result)) == (
+    assert next(_conclusions(result)) == (
         "In 2 of 6 combinations the glucose of some people, 2 of 40 people at most "
         f"(imc | {DRIFT}), did not stay a finite number, with or without the fault; they are in no number there."
     )
@@ -241,9 +241,9 @@ def test_nothing_is_concluded_where_nobody_took_part(make_stress):
 
 
 def test_a_test_without_faults_says_so(make_stress):
-    assert next(conclusions(make_stress(["imc"], []))) == "No fault was tried."
+    assert next(_conclusions(make_stress(["imc"], []))) == "No fault was tried."
 
 
 def test_as_many_people_are_named_as_can_be_read():
-    assert worse_people_text({"worse_people": [5, 3]}) == "5, 3"
-    assert worse_people_text({"worse_people": list(range(23))}).endswith("18, 19 and 3 more")
+    assert _worse_people_text({"worse_people": [5, 3]}) == "5, 3"
+    assert _worse_people_text({"worse_people": list(range(23))}).endswith("18, 19 and 3 more")

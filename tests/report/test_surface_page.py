@@ -6,7 +6,7 @@ import re
 import numpy as np
 
 from glucoloop.control import MPCTuning
-from glucoloop.studies.tuning.study import MAX_ROWS, Searched, surface_page
+from glucoloop.studies.tuning.study import MAX_ROWS, _Searched, _surface_page
 from glucoloop.tuning.grid import tuning_grid
 
 
@@ -17,8 +17,8 @@ def cells(page):
 
 
 def page_of(surface, printed, grid=None, **common):
-    searched = Searched(surface, surface.rank_of(printed))
-    return surface_page(
+    searched = _Searched(surface, surface.rank_of(printed))
+    return _surface_page(
         searched, "A <title>", grid or [*surface.tunings, *(tuning for tuning, _ in surface.refused)], **common
     )
 

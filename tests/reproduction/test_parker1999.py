@@ -17,8 +17,8 @@ from glucoloop.reproduction.parker1999.comparison import (
     ENTRIES,
     INTERPRETATIONS,
     ComparedEntry,
-    PrintedEntry,
     Reproduced,
+    _PrintedEntry,
     compare,
     count,
     left_out,
@@ -27,13 +27,13 @@ from glucoloop.reproduction.parker1999.comparison import (
 from glucoloop.reproduction.parker1999.study import (
     FIGURES,
     WHOLE,
-    ReproductionResults,
-    chosen,
-    compared_results,
-    drawn,
-    entry_tables,
-    found,
+    _chosen,
+    _compared_results,
+    _entry_tables,
+    _ReproductionResults,
+    files_of,
     page,
+    results_of,
     tables,
 )
 from glucoloop.storage.results import Results
@@ -70,7 +70,9 @@ def study():
 
 
 def _entry(printed, kind="value"):
-    return PrintedEntry(id="x", what="x", printed=printed, page=155, place="", kind=kind, metric="", interpretations=())
+    return _PrintedEntry(
+        id="x", what="x", printed=printed, page=155, place="", kind=kind, metric="", interpretations=()
+    )
 
 
 def _row(printed, found, kind="value"):
@@ -144,7 +146,7 @@ class TestVerdict:
         assert left_out(rows) == "1 printed entry not run and left out."
         assert left_out(rows[:1]) == ""
         rows = [replace(row, entry=replace(row.entry, id="table-1.x")) for row in rows]
-        (table,) = entry_tables(rows, {POINT: None})
+        (table,) = _entry_tables(rows, {POINT: None})
         assert [line[1:3] for line in table.rows] == [("1", "1; +0.00; yes")]
 
     def test_the_terminal_shows_units_and_verdicts_and_explains_unsettled(self):
@@ -155,14 +157,14 @@ class TestVerdict:
         ]
         rows = [replace(row, entry=replace(row.entry, unit="mg/dl")) for row in rows]
         request = Reproduction(operating_point=(POINT,))
-        [table] = tables(request, Results({}, extra=ReproductionResults({}, rows, ())))
+        [table] = tables(request, Results({}, extra=_ReproductionResults({}, rows, ())))
         console = Console(width=100, record=True, file=io.StringIO())
         console.print(table)
         text = " ".join(console.export_text().split())
         assert "10 mg/dl 10.5; +0.50; yes" in text
         assert "10 mg/dl 20; +10.00; no" in text
         assert "551+: glucose has not settled by the end of the run." in text
-        [table] = tables(request, Results({}, extra=ReproductionResults({}, rows[:2], ())))
+        [table] = tables(request, Results({}, extra=_ReproductionResults({}, rows[:2], ())))
         console.print(table)
         assert "551+" not in console.export_text().split("no", 1)[1]
 
@@ -232,7 +234,7 @@ class TestStudy:
     def test_an_unknown_operating_point_is_refused(self):
         asked = Reproduction(operating_point=("nominal-23",))
         with pytest.raises(ValueError, match="known ones are: setpoint-81, nominal-22, fasting-81"):
-            found(asked, progress=lambda done: None)
+            results_of(asked, progress=lambda done: None)
 
 
 _VOID = "meta", "br", "img", "input"  # tags of HTML that are never closed
@@ -265,13 +267,13 @@ class _Tags(HTMLParser):
 
 @pytest.fixture(scope="module")
 def files(study):
-    return files_of(study, WHOLE)
+    return files_of_part(study, WHOLE)
 
 
-def files_of(study, part):
+def files_of_part(study, part):
     """The files of a part of the paper."""
-    result = compared_results({POINT: study}, part, 3)
-    return {**result.files("report.json"), **drawn(Reproduction(seed=3), result)}
+    result = _compared_results({POINT: study}, part, 3)
+    return {**result.files("report.json"), **files_of(Reproduction(seed=3), result)}
 
 
 class TestReport:
@@ -301,9 +303,9 @@ class TestReport:
 
     @pytest.mark.long
     def test_a_part_of_the_paper_is_compared_drawn_and_told_alone(self, study):
-        part = chosen(["1"], ["4"])
+        part = _chosen(["1"], ["4"])
         rows = compare({POINT: study}, part.entries)
-        written = files_of(study, part)
+        written = files_of_part(study, part)
         assert {row.entry.id.split(".")[0] for row in rows} == {"table-1", "figure-4"}
         assert all(row.reproduced for row in rows)
         figures = {f"{POINT}-figure-4.{kind}" for kind in KINDS}
@@ -315,18 +317,18 @@ class TestReport:
 
     @pytest.mark.long
     def test_a_figure_without_numbers_is_told_without_tables(self, study):
-        written = files_of(study, chosen([], ["2"]))
+        written = files_of_part(study, _chosen([], ["2"]))
         assert json.loads(written["report.json"])["entries"] == []
         assert f"{POINT}-figure-2.pdf" in written
         assert b"<table" not in written["report.html"]
 
     def test_parts_that_are_not_reproduced_are_refused(self):
-        assert chosen([], []) is WHOLE
-        assert chosen(["ii", "2"], []).entries == ("table-2.",) * 2
+        assert _chosen([], []) is WHOLE
+        assert _chosen(["ii", "2"], []).entries == ("table-2.",) * 2
         with pytest.raises(ValueError, match="unknown table 'III'; the known ones are: I, II"):
-            chosen(["III"], [])
+            _chosen(["III"], [])
         with pytest.raises(ValueError, match="unknown figure '1'; the known ones are: 2, 3, 4, 5, 6"):
-            chosen([], ["1"])
+            _chosen([], ["1"])
 
     @pytest.mark.long
     def test_what_does_not_reproduce_is_listed(self, study):

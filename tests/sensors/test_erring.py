@@ -72,7 +72,7 @@ def test_what_is_not_valid_stays_so_while_the_sensor_is_stuck():
 
 
 def test_it_goes_around_other_sensors():
-    late = DeadTime(inner=IdealSensor(), samples=1)
+    late = DeadTime(5.0)
     told, _ = readings(erring([0.1], inner=late), [80.0, 100.0])
     assert told[1] == pytest.approx(88.0)
 

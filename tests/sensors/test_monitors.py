@@ -11,30 +11,29 @@ import pytest
 import scipy.linalg
 import scipy.stats
 
-from glucoloop.sensors import Reading, correlated_noise, lag
+from glucoloop.sensors import SENSORS, CorrelatedNoise, Lag, Reading
 from glucoloop.sensors.cgm import (
-    BRETON_2008,
-    DEXCOM_G5,
-    DEXCOM_G6,
-    FACCHINETTI_2014,
-    VETTORETTI_2019,
-    display,
-    monitor,
+    Breton2008,
+    DexcomG5,
+    DexcomG6,
+    Display,
+    Facchinetti2014,
+    Monitor,
+    Vettoretti2019,
 )
 from glucoloop.sensors.cgm.model import Constants, ErrorModel, Process, candidate, constants_of, drawn
 from glucoloop.sensors.protocol import IdealSensor
-from glucoloop.sensors.settings import SENSORS
 from glucoloop.simulation.engines import make_engine
 from other_programs import answer_of
 
 ALIKE = {
-    "breton-2008": BRETON_2008,
-    "facchinetti-2014": FACCHINETTI_2014,
-    "dexcom-g5": DEXCOM_G5,
-    "dexcom-g6": DEXCOM_G6,
+    "breton-2008": Breton2008.model,
+    "facchinetti-2014": Facchinetti2014.model,
+    "dexcom-g5": DexcomG5.model,
+    "dexcom-g6": DexcomG6.model,
 }
 MONITORS = (*ALIKE, "vettoretti-2019")
-SPREAD = VETTORETTI_2019.spread
+SPREAD = Vettoretti2019.model.spread
 KEY = jax.random.key(5)
 DAY_MIN = 1440.0
 ALONE = ", lag_min=0, display=false"
@@ -138,9 +137,9 @@ def test_a_million_readings_have_the_moments_of_their_closed_form_at_any_sample_
 
 
 def test_breton_and_kovatchev_print_the_mean_of_their_distribution():
-    unit = dataclasses.replace(BRETON_2008, processes=(Process(0.0, 0.0, 1.0),))
+    unit = dataclasses.replace(Breton2008.model, processes=(Process(0.0, 0.0, 1.0),))
     assert moments(unit, 2)[0] == pytest.approx(0.76, abs=0.005)  # printed: 0.76 mg/dl
-    mean, covariance = moments(BRETON_2008, 2)
+    mean, covariance = moments(Breton2008.model, 2)
     assert mean == pytest.approx(0.72, abs=0.005)
     assert math.sqrt(covariance[0]) == pytest.approx(11.0, abs=0.8)  # printed: 11 mg/dl
 
@@ -153,11 +152,11 @@ def test_stationary_variances_are_those_of_a_lyapunov_equation():
 
 def points_of_breton(normal):
     """Errors at the points of the noise, of normal numbers, the first of which is a point itself as in simglucose."""
-    constants, points = constants_of(BRETON_2008), jnp.full((2, 1), normal[0])
-    found = [BRETON_2008.shape(points[1, 0])]
+    constants, points = constants_of(Breton2008.model), jnp.full((2, 1), normal[0])
+    found = [Breton2008.model.shape(points[1, 0])]
     for number in normal[1:]:
         points = constants.advance(points, jnp.full(1, number))
-        found.append(BRETON_2008.shape(points[1, 0]))
+        found.append(Breton2008.model.shape(points[1, 0]))
     return np.array(found)
 
 
@@ -181,7 +180,7 @@ print(json.dumps([next(noise) for _ in range(asked["samples"])]))
 @pytest.mark.long
 @pytest.mark.parametrize("sample_time_min", [1.0, 3.0, 5.0])
 def test_noise_of_simglucose_goes_through_the_points_of_breton(sample_time_min):
-    shape, points = BRETON_2008.shape, 90
+    shape, points = Breton2008.model.shape, 90
     johnson = {"xi": shape.xi, "lambda": shape.scale, "gamma": shape.gamma, "delta": shape.delta}
     parameters, every = {"PACF": 0.7, "sample_time": sample_time_min, **johnson}, round(15.0 / sample_time_min)
     asked = {"parameters": parameters, "seed": 3, "samples": points * every}
@@ -291,7 +290,9 @@ def test_gain_and_offset_follow_the_days_and_begin_anew_with_a_new_sensor():
     glucose = 100.0 + 40.0 * np.sin(np.arange(4000) / 30.0)
     values, _ = told(of("dexcom-g6, noise=false, warm_up_min=0, worn_min=2d" + ALONE), glucose)
     days = (2.0 + np.arange(4000) * 5.0 / DAY_MIN) % 10.0
-    gain, offset = (np.polynomial.polynomial.polyval(days, of) for of in (DEXCOM_G6.gain, DEXCOM_G6.offset_mg_dl))
+    gain, offset = (
+        np.polynomial.polynomial.polyval(days, of) for of in (DexcomG6.model.gain, DexcomG6.model.offset_mg_dl)
+    )
     np.testing.assert_allclose(values, gain * glucose + offset, rtol=1e-12)
 
 
@@ -316,7 +317,7 @@ def test_noise_of_a_new_sensor_has_nothing_to_do_with_that_of_the_one_before():
     correlations = [np.corrcoef(noise[:, k], noise[:, k + 1])[0, 1] for k in range(7)]
     assert abs(correlations.pop(5)) < 5.0 / math.sqrt(4000)
     assert min(correlations) > 0.85
-    _, covariance = at_samples(DEXCOM_G6, 5.0, 2)
+    _, covariance = at_samples(DexcomG6.model, 5.0, 2)
     np.testing.assert_allclose(noise[:, 6:].var(axis=0), covariance[0, 0], rtol=5.0 * math.sqrt(2.0 / 4000))
 
 
@@ -342,24 +343,26 @@ def test_glucose_lags_as_behind_a_lag_and_not_at_an_interstitial_site():
     off = ", noise=false, drift=false, display=false, warm_up_min=0"
     glucose = 130.0 + 50.0 * np.sin(np.arange(60) / 9.0)
     for name, minutes in (("dexcom-g6", 10.0), ("breton-2008", 5.0)):
-        np.testing.assert_array_equal(told(of(name + off), glucose)[0], told(lag(minutes), glucose)[0])
+        np.testing.assert_array_equal(told(of(name + off), glucose)[0], told(Lag(minutes), glucose)[0])
     there = IdealSensor(site="interstitial")
     assert told(of("dexcom-g6" + off, site="interstitial", inner=there), glucose)[0] == pytest.approx(glucose)
     asked = of("dexcom-g6, lag_min=3" + off, site="interstitial", inner=there)
-    np.testing.assert_array_equal(told(asked, glucose)[0], told(lag(3.0), glucose)[0])
+    np.testing.assert_array_equal(told(asked, glucose)[0], told(Lag(3.0), glucose)[0])
 
 
 def test_errors_are_those_of_glucose_behind_the_lag_and_the_display_shows_them():
     glucose = 130.0 + 90.0 * np.sin(np.arange(80) / 5.0)
-    behind, _ = told(lag(10.0), glucose)
+    behind, _ = told(Lag(10.0), glucose)
     values, _ = told(of("dexcom-g6, noise=false, worn_min=1d"), glucose)
     days = 1.0 + np.arange(80) * 5.0 / DAY_MIN
-    gain, offset = (np.polynomial.polynomial.polyval(days, of) for of in (DEXCOM_G6.gain, DEXCOM_G6.offset_mg_dl))
+    gain, offset = (
+        np.polynomial.polynomial.polyval(days, of) for of in (DexcomG6.model.gain, DexcomG6.model.offset_mg_dl)
+    )
     np.testing.assert_array_equal(values, np.clip(np.round(gain * behind + offset), 40.0, 400.0))
 
 
 def test_noise_of_a_sensor_inside_is_added():
-    inner = correlated_noise(9.0, 0.7)
+    inner = CorrelatedNoise(9.0, 0.7)
     off = ", noise=false, drift=false, display=false, lag_min=0, warm_up_min=0"
     noise = of_many(of("dexcom-g6" + off, inner=inner), [100.0, 100.0], 4000)[:, 0] - 100.0
     assert noise.var() == pytest.approx(9.0, rel=5.0 * math.sqrt(2.0 / 4000))
@@ -373,7 +376,7 @@ def test_noise_of_a_sensor_inside_is_added():
     [(1.0, [0, 5, 10, 15]), (3.0, [0, 2, 4, 5, 7, 9, 10]), (5.0, range(16)), (7.0, range(16)), (2.5, range(0, 16, 2))],
 )
 def test_a_display_has_a_reading_every_five_minutes(sample_time_min, due):
-    values, valid = told(display(sample_time_min=sample_time_min), np.full(16, 123.4))
+    values, valid = told(Display(sample_time_min=sample_time_min), np.full(16, 123.4))
     assert set(np.flatnonzero(valid)) >= set(due)
     clock = np.floor(np.arange(16) * sample_time_min / 5.0 + 1e-9)
     np.testing.assert_array_equal(valid, np.diff(clock, prepend=-1.0) > 0.0)
@@ -383,10 +386,10 @@ def test_a_display_has_a_reading_every_five_minutes(sample_time_min, due):
 
 def test_a_display_keeps_its_range_and_its_step():
     glucose = np.array([12.0, 39.6, 40.4, 99.51, 399.6, 400.5, 712.0, np.nan])
-    values, valid = told(display(), glucose)
+    values, valid = told(Display(), glucose)
     np.testing.assert_array_equal(values, [40.0, 40.0, 40.0, 100.0, 400.0, 400.0, 400.0, np.nan])
     np.testing.assert_array_equal(valid, np.isfinite(glucose))
-    wide = display(low_mg_dl=20.0, high_mg_dl=600.0, step_mg_dl=0.5)
+    wide = Display(low_mg_dl=20.0, high_mg_dl=600.0, step_mg_dl=0.5)
     np.testing.assert_array_equal(told(wide, glucose)[0], [20.0, 39.5, 40.5, 99.5, 399.5, 400.5, 600.0, np.nan])
 
 
@@ -476,8 +479,8 @@ def test_a_key_gives_one_course_and_another_gives_another():
         ),
         (lambda: of("cgm-display, every_min=0"), "every_min is 0 min; give a number above 0 min"),
         (lambda: of("cgm-display", 0.0), "a sample time of 0 min is not possible"),
-        (lambda: monitor(DEXCOM_G6, warm_up_min=-1.0), "warm_up_min is -1 min; give a number from 0 to 1440 min"),
-        (lambda: monitor(DEXCOM_G6, sample_time_min=math.nan), "a sample time of nan min is not possible"),
+        (lambda: DexcomG6(warm_up_min=-1.0), "warm_up_min is -1 min; give a number from 0 to 1440 min"),
+        (lambda: DexcomG6(sample_time_min=math.nan), "a sample time of nan min is not possible"),
     ],
 )
 def test_what_is_no_monitor_is_refused(make, sentence):
@@ -491,6 +494,8 @@ def test_a_sensor_without_drift_may_be_worn_for_longer():
 
 @pytest.mark.long
 def test_a_model_may_be_ones_own():
-    own = ErrorModel(gain=(1.1, 0.0, 0.0), lag_min=0.0)
-    values, _ = told(monitor(own, warm_up_min=0.0, display=False), [100.0, 110.0])
+    class Own(Monitor):
+        model = ErrorModel(gain=(1.1, 0.0, 0.0), lag_min=0.0)
+
+    values, _ = told(Own(warm_up_min=0.0, display=False), [100.0, 110.0])
     np.testing.assert_allclose(values, [110.0, 121.0])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from glucoloop.sensors import IdealSensor, correlated_noise, dead_time, lag, white_noise
-from glucoloop.sensors.settings import SENSORS
+from glucoloop.sensors import SENSORS, CorrelatedNoise, IdealSensor, Lag, dead_time, white_noise
 
 N = 20_000
 KEYS = jax.random.split(jax.random.key(7), N)
@@ -42,7 +41,7 @@ def test_noise_keeps_its_bound():
 
 
 def test_correlated_noise_is_stationary_with_its_variance_and_correlation():
-    sensor = correlated_noise(9.0, 0.7)
+    sensor = CorrelatedNoise(9.0, 0.7)
 
     def three(key):
         state, told = sensor.init(jnp.asarray(100.0), key), []
@@ -59,13 +58,13 @@ def test_correlated_noise_is_stationary_with_its_variance_and_correlation():
 
 def test_a_correlation_of_1_is_refused():
     with pytest.raises(ValueError, match="correlation is 1; give a number of 0 or more and below 1"):
-        correlated_noise(9.0, 1.0)
+        CorrelatedNoise(9.0, 1.0)
 
 
 def test_a_sensor_behind_a_lag_reads_late_and_its_noise_does_not_lag():
     glucose = np.append(80.0, np.full(19, 110.0))
     sensor = SENSORS.choose("lag, lag_min=8").made(inner=white_noise(0.25), sample_time_min=5.0)
-    quiet = readings(lag(8.0, sample_time_min=5.0), glucose, KEYS[:20])
+    quiet = readings(Lag(8.0, sample_time_min=5.0), glucose, KEYS[:20])
     after = np.arange(19)
     # a rise that takes one sample, and then the rest of a lag
     first = 1.0 - 8.0 / 5.0 * (1.0 - np.exp(-5.0 / 8.0))
@@ -77,12 +76,12 @@ def test_a_sensor_behind_a_lag_reads_late_and_its_noise_does_not_lag():
 @pytest.mark.parametrize("lag_min", [0.0, -1.0, 121.0, np.nan, np.inf])
 def test_what_is_no_lag_of_a_sensor_is_refused(lag_min):
     with pytest.raises(ValueError, match=r"lag_min is .* min; give a number above 0 min and up to 120 min"):
-        lag(lag_min)
+        Lag(lag_min)
 
 
 def test_a_lag_needs_a_sample_time():
     with pytest.raises(ValueError, match="a sample time of 0 min is not possible; give a finite value above 0"):
-        lag(10.0, sample_time_min=0.0)
+        Lag(10.0, sample_time_min=0.0)
 
 
 def test_without_variance_there_is_no_noise():

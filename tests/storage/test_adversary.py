@@ -9,7 +9,7 @@ from glucoloop.storage.results import Results
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
 from glucoloop.studies.adversary import ADVERSARY
-from glucoloop.studies.adversary.study import GenerationScores, rows
+from glucoloop.studies.adversary.study import _GenerationScores, rows
 
 KEYS = {"controller": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
 ASKED = configured(ADVERSARY.request, KEYS)
@@ -32,8 +32,8 @@ def adversary_folder(path, asked):
 @pytest.fixture
 def begun(tmp_path):
     with adversary_folder(tmp_path / "worst", ASKED) as folder:
-        folder.add(GenerationScores(NAME, 0, FIRST))
-        folder.add(GenerationScores(NAME, 1, SECOND))
+        folder.add(_GenerationScores(NAME, 0, FIRST))
+        folder.add(_GenerationScores(NAME, 1, SECOND))
     return tmp_path / "worst"
 
 

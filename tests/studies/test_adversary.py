@@ -7,7 +7,7 @@ import pytest
 
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
-from glucoloop.studies.adversary.attack import ErrorSpace, Harm, generations
+from glucoloop.studies.adversary.attack import ErrorSpace, _Harm, generations
 
 SPACE = ErrorSpace(samples=24, error=0.2, hold_samples=5, stretches=2, stretch_samples=3)
 
@@ -73,7 +73,7 @@ def test_larger_errors_are_never_found_to_do_less():
     known = large.points_of(SPACE, small.best)
     np.testing.assert_allclose(large.errors(known[None]), SPACE.errors(small.best[None]), rtol=1e-14)
     np.testing.assert_array_equal(large.stuck_from(known[None]), SPACE.stuck_from(small.best[None]))
-    first, *_ = searched = list(generations(toy, large, effort, known=known))
+    first, *_ = searched = list(generations(toy, large, effort, start_point=known))
     assert first.score[0] == pytest.approx(small.best_score)
     assert searched[-1].best_score >= small.best_score
     again = list(generations(toy, large, effort, [one.score for one in searched[:7]], known))
@@ -89,7 +89,7 @@ def test_another_seed_asks_for_other_sequences():
 
 def test_what_is_not_a_number_is_no_harm():
     def broken(errors, stuck_from):
-        return Harm(
+        return _Harm(
             below_54_min=np.zeros(errors.shape[1]),
             lowest_mg_dl=np.where(errors[0] > 0.0, np.nan, 60.0 - 10.0 * errors[0]),
             peak_mg_dl=np.zeros(errors.shape[1]),
@@ -101,7 +101,7 @@ def test_what_is_not_a_number_is_no_harm():
 
 
 def test_minutes_count_before_lowest_glucose():
-    harm = Harm(
+    harm = _Harm(
         below_54_min=np.array([0.0, 0.0, 5.0]), lowest_mg_dl=np.array([80.0, 60.0, 50.0]), peak_mg_dl=np.ones(3)
     )
     assert (np.diff(harm.score) > 0.0).all()

@@ -9,17 +9,17 @@ from glucoloop.meals import Eaten, draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.evaluate import (
-    days_of,
-    delays_min,
-    estimate_at,
+    _days_of,
+    _delays_min,
+    _estimate_at,
+    _false_alarms,
+    _followed_min,
+    _in_order,
+    _under_way,
+    _who_and_when,
     evaluate,
-    false_alarms,
-    followed_min,
-    in_order,
-    under_way,
-    who_and_when,
 )
-from glucoloop.studies.detection.study import findings
+from glucoloop.studies.detection.study import _findings
 
 # Scores, by hand ------------------------------------------------------------------------------------------------------
 
@@ -52,39 +52,39 @@ def test_a_delay_ends_at_the_first_sample_above_the_threshold():
         ],
         axis=1,
     )
-    delay, already = delays_min(eating, T_MIN, meals(*[[(37.0, 36.0)]] * 6), 0.5, END)
+    delay, already = _delays_min(eating, T_MIN, meals(*[[(37.0, 36.0)]] * 6), 0.5, END)
     np.testing.assert_array_equal(delay, [[3.0, NAN, NAN, NAN, 153.0, NAN]])
     assert already.tolist() == [[False, True, True, False, False, False]]
     # a higher threshold than all finds nothing; what equals it is not above it
-    assert np.isnan(delays_min(eating, T_MIN, meals(*[[(37.0, 36.0)]] * 6), 0.9, END)[0]).all()
+    assert np.isnan(_delays_min(eating, T_MIN, meals(*[[(37.0, 36.0)]] * 6), 0.9, END)[0]).all()
 
 
 def test_a_meal_is_not_found_by_the_next_one():
     eating = day(at=[70.0, 75.0])[:, None]
-    delay, already = delays_min(eating, T_MIN, meals([(10.0, 36.0), (62.0, 36.0)]), 0.5, END)
+    delay, already = _delays_min(eating, T_MIN, meals([(10.0, 36.0), (62.0, 36.0)]), 0.5, END)
     np.testing.assert_array_equal(delay, [[NAN], [8.0]])
     assert not already.any()
 
 
 def test_false_alarms_are_rises_while_no_meal_is_under_way():
     eaten = meals([(50.0, 18.0)])  # served until 100 min, under way until 160 min
-    quiet = ~under_way(eaten, T_MIN)
+    quiet = ~_under_way(eaten, T_MIN)
     assert T_MIN[~quiet[:, 0]].tolist() == [*range(50, 161, 5)]
     eating = day(at=[0.0, 10.0, 15.0, 45.0, 50.0, 80.0, 160.0, 165.0, 200.0, 210.0])[:, None]
     # at 0, 10, 45 (which lasts into the meal), 200 and 210 min; what rose at 160 min did so under way
-    assert false_alarms(eating, quiet, 0.5) == 5
-    assert false_alarms(eating, np.ones_like(quiet), 0.5) == 7
-    assert days_of(quiet, 5.0) == pytest.approx((60 - 23) * 5.0 / 1440.0)
+    assert _false_alarms(eating, quiet, 0.5) == 5
+    assert _false_alarms(eating, np.ones_like(quiet), 0.5) == 7
+    assert _days_of(quiet, 5.0) == pytest.approx((60 - 23) * 5.0 / 1440.0)
 
 
 def test_what_is_told_of_a_meal_is_told_in_its_time():
     values = np.arange(60.0)[:, None]
     eaten = meals([(12.0, 3.6), (62.0, 3.6), (230.0, 3.6)])
-    over = followed_min(eaten, END)
+    over = _followed_min(eaten, END)
     assert over.ravel().tolist() == [62.0, 230.0, 300.0]
 
     def told(after, since):
-        return estimate_at(values, T_MIN, eaten.t_min + after, eaten.t_min + since, over).ravel()
+        return _estimate_at(values, T_MIN, eaten.t_min + after, eaten.t_min + since, over).ravel()
 
     np.testing.assert_array_equal(told(30.0, 10.0), [9.0, 19.0, 52.0])  # at 45, 95 and 260 min
     np.testing.assert_array_equal(told(48.0, 10.0), [12.0, 22.0, 56.0])  # at 60, 110 and 280 min
@@ -96,7 +96,7 @@ def test_what_is_told_of_a_meal_is_told_in_its_time():
 
 def test_meals_of_a_day_are_put_in_order():
     begin, carbs = np.array([[90.0, 20.0], [30.0, 40.0]]), np.array([[9.0, 2.0], [3.0, 4.0]])
-    ordered = in_order(Eaten(t_min=begin, carbs_g=carbs, eating_min=carbs))
+    ordered = _in_order(Eaten(t_min=begin, carbs_g=carbs, eating_min=carbs))
     assert ordered.eating_min.tolist() == ordered.carbs_g.tolist()
     assert ordered.t_min.tolist() == [[30.0, 20.0], [90.0, 40.0]]
     assert ordered.carbs_g.tolist() == [[3.0, 2.0], [9.0, 4.0]]
@@ -173,7 +173,7 @@ def test_the_example_is_the_first_day(result):
 @pytest.mark.long
 def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
     meals = result.by_estimator[SLOW_GUTS].tables["meals"].to_numpy(structured=True)
-    summary = findings(asked, result).plain["estimators"][SLOW_GUTS]
+    summary = _findings(asked, result).plain["estimators"][SLOW_GUTS]
     assert summary["meals"] == 6 == sum(size["meals"] for size in summary["by_size"])
     assert summary["delay_median_min"] == pytest.approx(np.median(meals["delay_min"]))
     error = meals["estimated_g"] - meals["carbs_g"]
@@ -190,7 +190,7 @@ def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
 @pytest.mark.long
 def test_without_meals_there_is_no_number_of_them():
     asked = configured(Detection, days=1, meals=[], meal_size_spread_pct=0.0, controller="basal", estimators=["kalman"])
-    summary = findings(asked, evaluate(asked, lambda done: None)).plain["estimators"]["kalman"]
+    summary = _findings(asked, evaluate(asked, lambda done: None)).plain["estimators"]["kalman"]
     assert (summary["meals"], summary["delay_median_min"], summary["missed_pct"]) == (0, None, None)
     assert summary["false_alarms_between_per_day"] is None
     assert summary["false_alarms_fasting_per_day"] >= 0.0
@@ -212,7 +212,7 @@ def test_usual_days_are_a_hundred_of_one_person_or_one_of_many():
     assert (many.people, many.number_of_days) == (30, 1)
     assert [case.tuning["estimator"].name for case in one.trial.cases] == list(one.tried)
     twice = dataclasses.replace(many, days=2)
-    person, day_of, infeasible = who_and_when(twice)
+    person, day_of, infeasible = _who_and_when(twice)
     assert day_of.tolist() == [0, 1] * (person.size // 2)
     assert person.size // 2 + infeasible == 30
 

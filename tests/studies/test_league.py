@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from glucoloop.cohorts import engine
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
@@ -18,14 +17,15 @@ from glucoloop.studies.league.numbers import (
     ALL,
     LINE,
     METRICS,
+    _worst_mean,
     harms,
     line_table,
     over_all_cells,
     ranking,
-    worst_mean,
 )
 from glucoloop.studies.league.shown import page, sentences
-from glucoloop.studies.league.study import LeagueSearch, lines_of, rows, shards_of
+from glucoloop.studies.league.study import _LeagueSearch, _lines_of, _shards_of, rows
+from glucoloop.trials import engine
 
 ON_TARGET = {
     "time_70_180_pct": 90.0,
@@ -164,7 +164,7 @@ def test_the_interval_of_the_worst_off_holds_what_more_people_show():
     rng = np.random.default_rng(3)
     one, other = rng.normal(40.0, 5.0, 300), rng.normal(46.0, 5.0, 300)
     worst = ranked(one=one, other=other)["worst_off"]
-    many = [worst_mean(rng.normal(mean, 5.0, (100_000, 1)))[0] for mean in (40.0, 46.0)]
+    many = [_worst_mean(rng.normal(mean, 5.0, (100_000, 1)))[0] for mean in (40.0, 46.0)]
     assert worst["low"] < many[1] - many[0] < worst["high"]
     assert worst["distinguished"]
 
@@ -265,7 +265,7 @@ SMALL = {"people": 3, "families": ["kanderian-2009"], "scenarios": ["plain-day"]
 
 
 def test_a_table_of_people_limits_their_number_and_a_scenario_its_length():
-    lines = lines_of(asked(**{**SMALL, "people": 50, "scenarios": ["week, days=2"], "seed": 4}))
+    lines = _lines_of(asked(**{**SMALL, "people": 50, "scenarios": ["week, days=2"], "seed": 4}))
     assert {line.trial.people for line in lines} == {10}
     assert {line.days for line in lines} == {2.0}
 
@@ -273,8 +273,8 @@ def test_a_table_of_people_limits_their_number_and_a_scenario_its_length():
 @pytest.mark.long
 def test_a_row_is_the_very_trial_that_it_stands_for():
     league = asked(**SMALL)
-    results = list(LeagueSearch(league).missing([]))
-    assert [result.line for result in results] == lines_of(league)
+    results = list(_LeagueSearch(league).missing([]))
+    assert [result.line for result in results] == _lines_of(league)
     for result in results:
         alone = engine.run_people(engine.prepare(result.line.trial), result.line.controller, np.arange(3))
         for name in METRICS:
@@ -342,7 +342,7 @@ def test_the_nearest_is_that_with_the_least_distance_on_any_sensor():
 
 
 def test_the_best_doses_come_last_so_that_those_of_more_people_follow():
-    few, many = (shards_of(asked(**SMALL, bound_people=number)) for number in (1, 3))
+    few, many = (_shards_of(asked(**SMALL, bound_people=number)) for number in (1, 3))
     assert [shard[:2] for shard in many[: len(few)]] == [shard[:2] for shard in few]
     assert [(line.controller, number) for line, number, _ in many[-6:]] == [
         (known, number) for number in range(3) for known in reach.KNOWN
@@ -354,7 +354,7 @@ def test_no_controller_is_better_than_the_best_doses_of_the_same_people():
     keys = {"families": ["hovorka-2004", "kanderian-2009"], "scenarios": ["plain-day", "unkind-day"]}
     keys |= {"people": 2, "bound_people": 2, "sensors": ["ideal"], "seed": 7}
     league = asked(**keys, controllers=["oref0", "loop-like", "mpc-se", "pid-ifb"])
-    kind, search = rows(league), LeagueSearch(league)
+    kind, search = rows(league), _LeagueSearch(league)
     results = list(search.missing([]))
     best = {(of.line[0], of.line[2], of.line[3], of.shard): of.people for of in results if of.line.sensor == ALL}
     assert len(best) == 16
@@ -383,6 +383,6 @@ def test_no_controller_is_better_than_the_best_doses_of_the_same_people():
 @pytest.mark.long
 def test_a_scenario_that_has_no_best_doses_is_named_with_the_reason():
     league = asked(**{**SMALL, "scenarios": ["plain-day, warm_up_min=60"], "bound_people": 2})
-    results = [of for of in LeagueSearch(league).missing([]) if of.line.sensor == ALL]
+    results = [of for of in _LeagueSearch(league).missing([]) if of.line.sensor == ALL]
     assert len(results) == 4
     assert all("without a warm-up" in of.reason for of in results)

@@ -10,8 +10,8 @@ from rich.console import Console
 from glucoloop.situations.situation import configured
 from glucoloop.storage.results import Results
 from glucoloop.studies.robust import Search
-from glucoloop.studies.robust.search import NO_SCORES, Bound, SearchEngine, judged
-from glucoloop.studies.robust.study import plot_robust, tables
+from glucoloop.studies.robust.search import NO_SCORES, SearchEngine, _Bound, _judged
+from glucoloop.studies.robust.study import _plot_robust, tables
 
 ASKED = configured(Search, at_most=["peak-median=95"], batch=40, rounds=1)
 SCORES = dict.fromkeys(NO_SCORES, 1.0)
@@ -30,7 +30,7 @@ class Engine(SearchEngine):
     """A search whose references and check are known."""
 
     def __init__(self):
-        self.config, self.bounds = ASKED, [Bound("peak-median", 95.0)]
+        self.config, self.bounds = ASKED, [_Bound("peak-median", 95.0)]
         self.references = {"mpc-se": {**SCORES, "undershoot_p95_mg_dl": 13.0, "peak_median_mg_dl": 92.0}}
         self.subjects = type("Subjects", (), {"infeasible": 0})
         self._loops = {}
@@ -52,7 +52,7 @@ def found():
 
 
 def test_front_is_drawn_with_its_marks(found):
-    figure = plot_robust(ASKED, found)
+    figure = _plot_robust(ASKED, found)
     figure.savefig(io.BytesIO(), format="png", dpi=50)
     axes, *others = figure.axes
     assert axes.get_xlabel() == "Undershoot, 95th percentile (mg/dl)"
@@ -72,7 +72,9 @@ def test_tables_hold_the_front_and_the_others(found):
     table = found.tables["candidates.csv"]
     assert not table["keeps_the_bounds"][5]
     assert table.equals(
-        judged(table.drop("chosen", "on_the_front", "keeps_the_bounds"), [Bound("peak-median", 95.0)], ASKED.objectives)
+        _judged(
+            table.drop("chosen", "on_the_front", "keeps_the_bounds"), [_Bound("peak-median", 95.0)], ASKED.objectives
+        )
     )
     console = Console(width=200, record=True)
     with console.capture() as captured:

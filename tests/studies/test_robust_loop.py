@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
-from glucoloop.cohorts import blocks
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.ranges import Tuned
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
@@ -18,8 +16,10 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.situations.situation import configured
 from glucoloop.studies.robust import RANGES, Search
-from glucoloop.studies.robust.search import METRICS, SearchEngine, TuningLoop, draw_subjects, tuning_of
+from glucoloop.studies.robust.search import METRICS, SearchEngine, _draw_subjects, _tuning_of, _TuningLoop
 from glucoloop.studies.robust.study import notes
+from glucoloop.trials import blocks
+from glucoloop.trials.trial import Trial
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
 MINUTES = 150.0
@@ -77,12 +77,12 @@ def trial():
 
 @pytest.fixture(scope="module")
 def subjects(trial):
-    return draw_subjects(trial, 3, 7, seeds=2, first_seed=100)
+    return _draw_subjects(trial, 3, 7, seeds=2, first_seed=100)
 
 
 @pytest.fixture(scope="module")
 def loop(trial, subjects):
-    return TuningLoop(trial, trial.cases[0], SPACE, subjects)
+    return _TuningLoop(trial, trial.cases[0], SPACE, subjects)
 
 
 @pytest.mark.long
@@ -129,7 +129,7 @@ class ClosedForm:
 
 
 def test_a_search_goes_on_to_the_same_candidates(monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
+    monkeypatch.setattr("glucoloop.studies.robust.search._TuningLoop", ClosedForm)
     search = configured(
         Search, controller={"name": "meal-mpc", **FIXED, "move_weight": "0.1:20"}, duration_min=MINUTES, people=2,
         people_seed=1, seeds=2, first_seed=0, check_people=2, check_people_seed=2, check_seeds=2, batch=4,
@@ -140,13 +140,13 @@ def test_a_search_goes_on_to_the_same_candidates(monkeypatch):
     whole = list(engine.missing([]))
     assert [of["candidate"] for of in whole] == list(range(8))
     assert [of["round"] for of in whole] == [0] * 4 + [1] * 4
-    assert tuning_of(search, whole[0]) == search.initial
+    assert _tuning_of(search, whole[0]) == search.initial
     assert list(engine.missing(whole[:3])) == whole[3:]
     assert list(engine.missing(whole)) == []
     other = {**whole[2], "move_weight": 1.23}
     with pytest.raises(ValueError, match="candidate 2 of the search was another tuning than tpe proposes now"):
         next(engine.missing([*whole[:2], other]))
-    table, scores = engine.check(tuning_of(search, whole[3]))
+    table, scores = engine.check(_tuning_of(search, whole[3]))
     assert scores.keys() == {"chosen", "as it was"}
     assert table.group_by("controller", "group", maintain_order=True).len().rows() == [
         (label, group, 2) for label in scores for group in ("people", "noise")

@@ -9,9 +9,8 @@ import pytest
 
 from glucoloop.component.ranges import Tuned, parse_range
 from glucoloop.studies.robust import BOTH, RANGES
-from glucoloop.studies.robust.search import NO_SCORES, Bound, choose, judged, objective, pareto, scores
-from glucoloop.tuning.samplers import Evaluated
-from glucoloop.tuning.settings import SAMPLERS
+from glucoloop.studies.robust.search import NO_SCORES, _Bound, _choose, _judged, _pareto, objective, scores
+from glucoloop.tuning.samplers import SAMPLERS, Evaluated
 
 
 def test_ranges_are_read_as_they_are_written():
@@ -44,14 +43,14 @@ def test_front_is_what_nobody_beats():
     random = np.random.default_rng(0)
     values = np.concatenate([random.integers(0, 6, (60, 2)).astype(float), random.random((40, 2)) * 6.0])
     beaten = [any((other <= own).all() and (other < own).any() for other in values) for own in values]
-    np.testing.assert_array_equal(pareto(values), ~np.array(beaten))
+    np.testing.assert_array_equal(_pareto(values), ~np.array(beaten))
 
 
 def test_choice_of_the_front():
     front = np.array([[0.0, 10.0], [1.0, 2.0], [10.0, 0.0]])
     names = ("peak-p95", "undershoot-p95")
-    assert [choose(front, names, of) for of in (*names, BOTH)] == [0, 2, 1]
-    assert choose(front[:1], names, BOTH) == 0
+    assert [_choose(front, names, of) for of in (*names, BOTH)] == [0, 2, 1]
+    assert _choose(front[:1], names, BOTH) == 0
 
 
 def test_bounds():
@@ -59,16 +58,16 @@ def test_bounds():
     tried = pl.DataFrame({name: peaks if name == "peak_p95_mg_dl" else [1.0] * 4 for name in NO_SCORES})
 
     def found(*bounds):
-        table = judged(tried, bounds, names)
+        table = _judged(tried, bounds, names)
         return table["keeps_the_bounds"].to_list(), table["chosen"].to_list().index(True)
 
     assert found() == ([True, True, False, True], 1)
-    assert found(Bound("peak-p95", 1.0)) == ([True, True, False, False], 1)
-    assert found(Bound("peak-p95", 0.89)) == ([False] * 4, 1)
-    assert found(Bound("peak-p95", 0.89), Bound("peak-median", 2.0)) == ([False] * 4, 1)
-    assert Bound("peak-p95", 100.0).violation({"peak_p95_mg_dl": 110.0}) == pytest.approx(0.1)
+    assert found(_Bound("peak-p95", 1.0)) == ([True, True, False, False], 1)
+    assert found(_Bound("peak-p95", 0.89)) == ([False] * 4, 1)
+    assert found(_Bound("peak-p95", 0.89), _Bound("peak-median", 2.0)) == ([False] * 4, 1)
+    assert _Bound("peak-p95", 100.0).violation({"peak_p95_mg_dl": 110.0}) == pytest.approx(0.1)
     with pytest.raises(ValueError, match="no tuning of the search has a controller"):
-        judged(tried[2:3], (), names)
+        _judged(tried[2:3], (), names)
 
 
 def test_scores_by_hand():

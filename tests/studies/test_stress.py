@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.people import PeopleRows
-from glucoloop.cohorts.trial import fingerprint
 from glucoloop.situations.situation import configured
-from glucoloop.storage.trials.shard import people_table
 from glucoloop.studies.stress import STANDARD_FAULTS, StressTest
 from glucoloop.studies.stress.reasons import reason_of
-from glucoloop.studies.stress.study import StressCell, cell_table, cells_of, trial_of
+from glucoloop.studies.stress.study import _cell_table, _cells_of, _StressCell, trial_of
+from glucoloop.trials import engine
+from glucoloop.trials.people import PeopleRows
+from glucoloop.trials.shard import people_table
+from glucoloop.trials.trial import fingerprint
 
 FAULTS = [
     "calibration, gain=1.25, offset_mg_dl=0",
@@ -39,7 +39,7 @@ def prepared(asked):
 
 @pytest.fixture(scope="module")
 def results(asked, prepared):
-    return {cell.label: engine.run_people(prepared, cell.label, PEOPLE) for cell in cells_of(asked)}
+    return {cell.label: engine.run_people(prepared, cell.label, PEOPLE) for cell in _cells_of(asked)}
 
 
 @pytest.mark.long
@@ -52,7 +52,7 @@ def test_cells_that_differ_in_a_fault_share_a_loop(asked, prepared):
 @pytest.mark.parametrize("fault", [FAULTS[0], FAULTS[4], FAULTS[5]])
 @pytest.mark.long
 def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
-    cell = next(cell for cell in cells_of(asked) if cell.fault == fault)
+    cell = next(cell for cell in _cells_of(asked) if cell.fault == fault)
     alone = dataclasses.replace(asked.base, faults=tuple(of for of in asked.faults if of.text == fault))
     assert alone.fault_texts == (fault,)
     told = engine.run_people(engine.prepare(alone), alone.cases[0].label, PEOPLE)
@@ -62,7 +62,7 @@ def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
 
 @pytest.mark.long
 def test_faults_are_met_by_the_same_people_and_noise(asked, results):
-    without = results[next(iter(cells_of(asked))).label]
+    without = results[next(iter(_cells_of(asked))).label]
     for result in results.values():
         np.testing.assert_array_equal(result.basal_insulin_mU_min, without.basal_insulin_mU_min)
     # a fault that begins at 60 min changes nothing before: the least glucose of a run at rest is the same
@@ -71,7 +71,7 @@ def test_faults_are_met_by_the_same_people_and_noise(asked, results):
 
 @pytest.mark.long
 def test_the_worst_person_is_simulated_again(asked, prepared, results):
-    _, cell, *_ = cells_of(asked)
+    _, cell, *_ = _cells_of(asked)
     minimum = results[cell.label].metrics["minimum_mg_dl"]
     person = int(np.argmin(minimum))
     reason = reason_of(prepared, cell.label, person)
@@ -107,13 +107,13 @@ def people(below_60, minimum, feasible=(True, True, True), **metrics):
     )
 
 
-CELLS = (StressCell("mpc", False, ""), StressCell("mpc", False, FAULTS[0]))
+CELLS = (_StressCell("mpc", False, ""), _StressCell("mpc", False, FAULTS[0]))
 
 
 def rows_of(*shards):
     """Rows of the two cells, from the people of each in each shard."""
     labelled = [dict(zip((cell.label for cell in CELLS), shard, strict=True)) for shard in shards]
-    return cell_table(CELLS, people_table(labelled), samples=40).to_dicts()
+    return _cell_table(CELLS, people_table(labelled), samples=40).to_dicts()
 
 
 def test_a_row_compares_each_person_with_himself_without_the_fault():
@@ -165,15 +165,15 @@ def test_without_anything_it_is_the_papers_controllers_under_the_usual_faults():
     assert [case.controller.name for case in asked.base.cases] == ["imc", "mpc", "mpc-se", "nlqdmc-se"]
     assert asked.base.noise_variance == 1.45
     assert (asked.people, len(asked.faults)) == (100, len(STANDARD_FAULTS))
-    assert len(cells_of(asked)) == 4 * 2 * (1 + len(asked.faults))
-    labels = [cell.label for cell in cells_of(asked)]
+    assert len(_cells_of(asked)) == 4 * 2 * (1 + len(asked.faults))
+    labels = [cell.label for cell in _cells_of(asked)]
     assert len(set(labels)) == len(labels)
 
 
 def test_a_controller_has_its_own_guard_or_that_of_all():
     own, other = "pid, guard=(usual, max_hour=2)", "imc"
     asked = configured(StressTest, controller=[own, other], guard="max_hour=3", faults=["stuck"], people=2)
-    guards = {cell.label: case.guard for cell, case in cells_of(asked).items()}
+    guards = {cell.label: case.guard for cell, case in _cells_of(asked).items()}
     assert {case.guard for case in asked.base.cases} == {None}
     assert [None if of is None else of.max_hour for of in guards.values()] == [*[None] * 2, 2, 2, *[None] * 2, 3, 3]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
-from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import faulty_pump, faulty_sensor
 from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS, Episode
@@ -20,19 +20,19 @@ from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
 from glucoloop.patients.sorensen.model import sound
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
-from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
+from glucoloop.sensors import Reading, WhiteNoise
 from glucoloop.simulation.cohort import SampledInside
 from glucoloop.simulation.loop import LoopState
 from glucoloop.studies.verification import Verification, campaign, study
 from glucoloop.studies.verification.campaign import (
     KINDS,
     PUMP_KINDS,
+    _draw_people,
+    _draw_random_meals,
+    _feasible_people,
+    _random_faults,
+    _random_order,
     circumstances_of,
-    draw_people,
-    draw_random_meals,
-    feasible_people,
-    random_faults,
-    random_order,
 )
 from glucoloop.studies.verification.study import SAME_BITS
 
@@ -169,7 +169,7 @@ SAMPLES = 96
 
 @pytest.fixture(scope="module")
 def faults():
-    return random_faults(random_order(5, 2), 5, np.arange(4000), SAMPLES)
+    return _random_faults(_random_order(5, 2), 5, np.arange(4000), SAMPLES)
 
 
 def test_faults_are_up_to_three_at_once_of_every_kind(faults):
@@ -186,7 +186,7 @@ def test_faults_are_up_to_three_at_once_of_every_kind(faults):
 
 
 def test_what_a_person_meets_does_not_depend_on_who_else_is_asked_for(faults):
-    some = random_faults(faults.order, 5, [17, 3, 999], SAMPLES)
+    some = _random_faults(faults.order, 5, [17, 3, 999], SAMPLES)
     for of_all, of_some in zip(jax.tree.leaves(vars(faults)), jax.tree.leaves(vars(some)), strict=True):
         if np.ndim(of_all):
             np.testing.assert_array_equal(np.asarray(of_all)[[17, 3, 999]], of_some)
@@ -213,15 +213,13 @@ def test_faults_as_text_are_the_same_faults_to_the_bit(faults):
         return jax.lax.scan(one, start, (np.arange(SAMPLES), glucose, command))[1]
 
     keys = keys_of_people(5, np.asarray(chosen))
-    few = random_faults(faults.order, 5, chosen, SAMPLES)
+    few = _random_faults(faults.order, 5, chosen, SAMPLES)
     together = jax.jit(run)
     for place, person in enumerate(chosen):
         texts = faults.texts(int(person))
         seen |= {text.split(",")[0] for text in texts}
         told = [FAULTS.choose(text) for text in texts]
-        noise = WhiteNoise(
-            inner=IdealSensor(), variance=few.noise_variance[place], bound_mg_dl=few.noise_bound_mg_dl[place]
-        )
+        noise = WhiteNoise(few.noise_variance[place], few.noise_bound_mg_dl[place])
         alone = jax.jit(run)(
             faulty_sensor(noise, told, 5.0),
             faulty_pump(LimitedPump(), told, 5.0, PARKER_1999_LIMITS),
@@ -233,19 +231,19 @@ def test_faults_as_text_are_the_same_faults_to_the_bit(faults):
 
 
 def test_people_are_of_two_populations_by_turns_and_eat_up_to_four_meals():
-    drawn = draw_people(9, np.arange(6))
+    drawn = _draw_people(9, np.arange(6))
     flow, weight = np.asarray(drawn.patient.parameters.q_H), drawn.draw.values["weight_kg"]
     np.testing.assert_allclose(flow[1::2], 43.7 * weight[1::2] / 70.0, rtol=1e-12)
     np.testing.assert_allclose(flow[::2], 43.7, rtol=1e-12)
-    assert draw_people(9, [4]).basal_insulin_mU_min == drawn.basal_insulin_mU_min[4]
-    eaten = draw_random_meals(9, np.arange(500), 300.0)
+    assert _draw_people(9, [4]).basal_insulin_mU_min == drawn.basal_insulin_mU_min[4]
+    eaten = _draw_random_meals(9, np.arange(500), 300.0)
     t_min, carbs_g = eaten.t_min, eaten.carbs_g
     assert (t_min.min() > 0.0) & (t_min.max() < 300.0)
     assert set((carbs_g > 0.0).sum(axis=0)) == {0, 1, 2, 3, 4}
     assert (carbs_g[carbs_g > 0.0].min() > 5.0) & (carbs_g.max() < 120.0)
-    feasible = feasible_people(9, 30)
+    feasible = _feasible_people(9, 30)
     assert feasible.size == 30
-    assert np.isfinite(draw_people(9, feasible).basal_insulin_mU_min).all()
+    assert np.isfinite(_draw_people(9, feasible).basal_insulin_mU_min).all()
 
 
 # a campaign
@@ -271,7 +269,7 @@ class Rogue:
 def closed():
     """Campaigns with a rogue among the controllers; its loops are compiled once."""
     made = {}
-    real = campaign.WatchedLoops
+    real = campaign._WatchedLoops
 
     def once(trial, controller, order):
         guarded = isinstance(controller, Guard)
@@ -281,8 +279,8 @@ def closed():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(campaign, "catalogue_controller", lambda name, patient: Rogue())
-        patch.setattr(campaign, "horizon_min", lambda name: 300.0)
-        patch.setattr(campaign, "WatchedLoops", once)
+        patch.setattr(campaign, "_horizon_min", lambda name: 300.0)
+        patch.setattr(campaign, "_WatchedLoops", once)
         patch.setattr(campaign, "block_size", lambda engine: 256)
         yield found
 
@@ -323,7 +321,7 @@ def test_a_broken_loop_is_closed_again_by_its_person_alone(closed):
 
 
 def test_other_bits_of_a_second_time_are_found(closed, monkeypatch):
-    real, calls = campaign.bits_of, []
+    real, calls = campaign._bits_of, []
 
     def flip(arrays):
         calls.append(None)
@@ -331,7 +329,7 @@ def test_other_bits_of_a_second_time_are_found(closed, monkeypatch):
         # two blocks, and then some of them for the second time
         return bits if len(calls) != 3 else np.where(np.arange(bits.size) == 2, bits + np.uint64(1), bits)
 
-    monkeypatch.setattr(campaign, "bits_of", flip)
+    monkeypatch.setattr(campaign, "_bits_of", flip)
     result = closed(loops=600)
     assert result["violations"][SAME_BITS] == 1
     assert len(result["arms"][0]["not_repeated"]) == 1
@@ -342,8 +340,8 @@ def test_a_single_bit_makes_other_bits():
     rows = np.random.default_rng(1).normal(size=(50, 40))
     other = rows.copy()
     other[np.arange(40) % 50, np.arange(40)] = np.nextafter(other[np.arange(40) % 50, np.arange(40)], np.inf)
-    assert np.all(campaign.bits_of([rows]) != campaign.bits_of([other]))
-    np.testing.assert_array_equal(campaign.bits_of([rows]), campaign.bits_of([rows[:20], rows[20:]]))
+    assert np.all(campaign._bits_of([rows]) != campaign._bits_of([other]))
+    np.testing.assert_array_equal(campaign._bits_of([rows]), campaign._bits_of([rows[:20], rows[20:]]))
 
 
 def test_an_interrupt_hands_back_what_is_done(closed):
@@ -395,18 +393,18 @@ def test_what_cannot_be_tried_is_refused(given, told):
 
 def test_a_person_without_a_basal_rate_is_refused(monkeypatch):
     def nobody(seed, person, patient):
-        drawn = draw_people(seed, person, patient)
+        drawn = _draw_people(seed, person, patient)
         return dataclasses.replace(drawn, feasible=np.zeros_like(drawn.feasible))
 
-    monkeypatch.setattr(campaign, "draw_people", nobody)
+    monkeypatch.setattr(campaign, "_draw_people", nobody)
     with pytest.raises(ValueError, match="no basal rate holds person 3 of seed 5 at the setpoint; give another person"):
         found(person=3)
 
 
 def test_people_without_a_basal_rate_are_passed_over(monkeypatch):
     def odd(seed, person, patient):
-        drawn = draw_people(seed, person, patient)
+        drawn = _draw_people(seed, person, patient)
         return dataclasses.replace(drawn, feasible=np.asarray(person) % 2 == 1)
 
-    monkeypatch.setattr(campaign, "draw_people", odd)
-    np.testing.assert_array_equal(feasible_people(1, 700), 1 + 2 * np.arange(700))
+    monkeypatch.setattr(campaign, "_draw_people", odd)
+    np.testing.assert_array_equal(_feasible_people(1, 700), 1 + 2 * np.arange(700))

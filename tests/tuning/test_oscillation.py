@@ -12,7 +12,7 @@ from glucoloop.control import MPCTuning, design_linear_mpc, design_mpc_se, desig
 from glucoloop.control.tuning import PARKER_1999
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
-from glucoloop.tuning.oscillation import crossings, oscillation, turns
+from glucoloop.tuning.oscillation import _turns, crossings, oscillation
 
 PAPER = PARKER_1999["setpoint-81", False]
 
@@ -30,7 +30,7 @@ PAPER = PARKER_1999["setpoint-81", False]
     ],
 )
 def test_turns_by_hand(values, count):
-    assert int(turns(jnp.array(values, float), 1.0)) == count
+    assert int(_turns(jnp.array(values, float), 1.0)) == count
 
 
 # each length is compiled
@@ -42,7 +42,7 @@ def test_turns_by_hand(values, count):
 def test_turns_of_any_size_are_changes_of_direction(values):
     moves = np.diff(values)
     signs = np.sign(moves[moves != 0])
-    assert int(turns(jnp.array(values, float), 0.5)) == int((signs[1:] != signs[:-1]).sum())
+    assert int(_turns(jnp.array(values, float), 0.5)) == int((signs[1:] != signs[:-1]).sum())
 
 
 def test_crossings_by_hand():

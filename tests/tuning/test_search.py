@@ -21,14 +21,22 @@ from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.sensors import white_noise
-from glucoloop.sensors.settings import DeadTimeSettings, WhiteNoiseSettings
+from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
-from glucoloop.tuning.designers import designer, usual_filters
 from glucoloop.tuning.grid import tuning_grid
-from glucoloop.tuning.search import _block, move_slots, padded, paper_tuning_surface, printed_tuning, search, stack
+from glucoloop.tuning.search import (
+    _block,
+    _padded,
+    designer,
+    move_slots,
+    paper_tuning_surface,
+    printed_tuning,
+    search,
+    stack,
+    usual_filters,
+)
 from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 PAPER = PARKER_1999["setpoint-81", False]
@@ -36,7 +44,7 @@ Q = process_noise(patient(), *PAPER.noise)
 SHORT = Scenario(horizon_min=150.0)
 
 
-LATE = (DeadTimeSettings(minutes=10.0),)
+LATE = (DeadTime(minutes=10.0),)
 
 
 def design_of(name, model=None, **situation):
@@ -55,13 +63,13 @@ def traces_agree(one, other):
 @pytest.mark.parametrize("constraints", ["clip", "qp"])
 def test_padded_linear_mpc_decides_as_before(patient_81, identified_81, constraints):
     controller = design_linear_mpc(identified_81.model, MPCTuning(1, 5), constraints=constraints)
-    traces_agree(simulate(patient_81, controller), simulate(patient_81, padded(controller, 2, 50)))
+    traces_agree(simulate(patient_81, controller), simulate(patient_81, _padded(controller, 2, 50)))
 
 
 @pytest.mark.parametrize("constraints", ["clip", "qp"])
 def test_padded_mpc_se_decides_as_before(patient_81, constraints):
     controller = design_mpc_se(linear_model(patient_81), Q, StateTuning(1, 3), constraints=constraints)
-    traces_agree(simulate(patient_81, controller), simulate(patient_81, padded(controller, 2, 14)))
+    traces_agree(simulate(patient_81, controller), simulate(patient_81, _padded(controller, 2, 14)))
 
 
 @pytest.mark.long
@@ -69,20 +77,20 @@ def test_padded_nlqdmc_decides_as_before(patient_81):
     tuning = StateTuning(3, 5, 2.0, 0.5, 0.57)
     controller = design_nlqdmc_se(nonlinear_model(patient_81), Q, tuning)
     plain = simulate(patient_81, controller, scenario=SHORT)
-    traces_agree(plain, simulate(patient_81, padded(controller, 4, 7), scenario=SHORT))
+    traces_agree(plain, simulate(patient_81, _padded(controller, 4, 7), scenario=SHORT))
 
 
 def test_what_cannot_be_padded_is_refused(identified_81):
     controller = design_linear_mpc(identified_81.model, MPCTuning(2, 5))
     with pytest.raises(ValueError, match="does not fit"):
-        padded(controller, 1, 5)
+        _padded(controller, 1, 5)
     with pytest.raises(TypeError, match="OpenLoop"):
-        padded(design_open_loop(), 2, 5)
+        _padded(design_open_loop(), 2, 5)
 
 
 def test_stacked_controllers_stay_apart(identified_81):
     several = [design_linear_mpc(identified_81.model, MPCTuning(2, p)) for p in (5, 8)]
-    stacked = stack([padded(one, 2, 8) for one in several])
+    stacked = stack([_padded(one, 2, 8) for one in several])
     np.testing.assert_array_equal(stacked.plan.gain[0, :5], several[0].gain)
     np.testing.assert_array_equal(stacked.plan.gain[0, 5:], 0.0)
     np.testing.assert_array_equal(stacked.plan.gain[1], several[1].gain)
@@ -134,7 +142,7 @@ def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_
 
 def test_noise_is_the_same_for_every_tuning_and_results_are_medians(patient_81, identified_81):
     seeds, sensor = (3, 4, 5), white_noise(1.45)
-    situation = dataclasses.replace(usual_situation(), sensor=(WhiteNoiseSettings(variance=1.45),))
+    situation = dataclasses.replace(usual_situation(), sensor=(WhiteNoise(variance=1.45),))
     grid = [MPCTuning(2, 10, 3.0, 1.0), MPCTuning(2, 12, 3.0, 1.0)]
     design = design_of("mpc", identified_81.model)
     surface = search(situation, design, grid, seeds=seeds, scenario=SHORT)
@@ -251,5 +259,5 @@ def test_reference_filters_of_a_grid_are_those_of_the_entry_or_the_usual_one(mon
     assert usual_filters("mpc", {"move_horizon": 2}) is None
     assert usual_filters("mpc-se", {"reference_filter": 0.65}) == ".3:.8:.05"
     entry = type("Outside", (controller_entry("mpc-se"),), {"reference_filters": None})
-    monkeypatch.setattr("glucoloop.tuning.designers.controller_entry", {"outside": entry}.__getitem__)
+    monkeypatch.setattr("glucoloop.tuning.search.controller_entry", {"outside": entry}.__getitem__)
     assert usual_filters("outside", {"reference_filter": 0.65}) == "0.65"

@@ -15,21 +15,21 @@ from glucoloop.bounds import OptimalDoses, bound_of_situation
 from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of, identified_model
 from glucoloop.build.surroundings import Surroundings, pump_of
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.sensors import IdealSensor, Sensor, dead_time
+from glucoloop.sensors import Sensor, dead_time
 from glucoloop.sensors.noise import WhiteNoise
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.bound.study import bound_of_run
+from glucoloop.trials import engine
+from glucoloop.trials.blocks import in_blocks
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.search import stack
 from meal_aware.measures import Runs, numbers_by_minute
@@ -107,7 +107,7 @@ class _Models:
 
 def _surroundings(made: Situation, variance: jax.Array) -> Surroundings:
     """Sensor and pump without faults; a variance of 0 adds no noise, so that one program serves both cases."""
-    sensor: Sensor = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=made.noise_bound_mg_dl)
+    sensor: Sensor = WhiteNoise(bound_mg_dl=made.noise_bound_mg_dl).replaced(variance=variance)
     if made.dead_time_samples:
         sensor = dead_time(made.dead_time_samples, sensor)
     return Surroundings(sensor=sensor, pump=pump_of(made))

@@ -16,8 +16,6 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.build.designs import controller_of, with_guard
 from glucoloop.build.random_keys import keys_of_people
-from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.faults import Battery, Late, Missing, Occlusion, once
@@ -28,7 +26,7 @@ from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Draw, VirtualPeople, population, virtual_people
 from glucoloop.pumps import LimitedPump
-from glucoloop.sensors import CorrelatedNoise, IdealSensor
+from glucoloop.sensors import CorrelatedNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
@@ -36,6 +34,8 @@ from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.situation import configured
 from glucoloop.therapy import Profile, given_profile
 from glucoloop.threefry import uniforms
+from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.search import move_slots
 from meal_aware.measures import Floats, Runs, numbers_at_samples
 from meal_aware.situations import HORIZON_MIN, PATIENT, Mismatch
@@ -139,9 +139,7 @@ def _once(begin: Floats | float, samples: float) -> Any:
 
 def _surroundings(variance: Floats | float, correlation: Floats | float, begin: Mapping[str, Any]) -> tuple[Any, Any]:
     """Sensor and pump with every fault, each of which begins at an individual sample or never."""
-    sensor: Any = CorrelatedNoise(
-        inner=IdealSensor(), variance=jnp.asarray(variance), correlation=jnp.asarray(correlation)
-    )
+    sensor: Any = CorrelatedNoise().replaced(variance=jnp.asarray(variance), correlation=jnp.asarray(correlation))
     sensor = Late(10.0, schedule=_once(begin["late"], _NEVER), inner=sensor)
     sensor = Missing(schedule=_once(begin["gap"], 12.0), inner=sensor)
     pump: Any = Battery(schedule=_once(begin["battery"], 12.0), inner=LimitedPump(limits=_trial().limits))

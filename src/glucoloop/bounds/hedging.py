@@ -32,7 +32,7 @@ import numpy.typing as npt
 
 from glucoloop.bounds.optimal_doses import DosePlan, OptimalDoses, check_samples, collected, first_free_sample
 from glucoloop.bounds.trajectory import RunModel, trajectory_of
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -40,7 +40,7 @@ from glucoloop.refusal import Refusal
 
 Values = npt.NDArray[np.float64]
 
-DISTINGUISHED_ERRORS: Final = (0.25, 0.05)
+_DISTINGUISHED_ERRORS: Final = (0.25, 0.05)
 """Errors of the test at which worlds count as told apart. At the first some controllers know the world, at the second
 nearly all do.
 """
@@ -81,7 +81,7 @@ def hedged_doses(
     noise_variance: float,
     pump_limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    errors: Sequence[float] = DISTINGUISHED_ERRORS,
+    errors: Sequence[float] = _DISTINGUISHED_ERRORS,
     dead_time_min: float = 0.0,
     sample_time_min: float = 5.0,
 ) -> Iterator[HedgedDoses]:
@@ -119,7 +119,7 @@ def hedged_doses(
     """
     check_sample_time(sample_time_min)
     check_samples(scenario.horizon_min, sample_time_min)
-    check_hedging(scenario, noise_variance, errors)
+    _check_hedging(scenario, noise_variance, errors)
     if not 0.0 <= dead_time_min < math.inf:
         raise Refusal(f"a dead time of {dead_time_min:g} min is not possible; give a finite value, 0 or more")
     meal = scenario.meals[0]
@@ -137,7 +137,7 @@ def hedged_doses(
     def both_questions() -> Iterator[HedgedDoses]:
         for question, number in (("begins", 1), ("ends", 2)):
             difference = readings[:, 0] - readings[:, number]
-            apart = [min(first_distinct(difference, noise_variance, error) + late, worlds.samples) for error in errors]
+            apart = [min(_first_distinct(difference, noise_variance, error) + late, worlds.samples) for error in errors]
             # One length for all errors, so that what is compiled serves them all.
             followed = min(max(apart) + math.ceil(_FOLLOWED_MIN / sample_time_min), worlds.samples)
             both = worlds.of_members(0, number, samples=followed)
@@ -147,7 +147,7 @@ def hedged_doses(
     return both_questions()
 
 
-def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[float]) -> None:
+def _check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[float]) -> None:
     """Refuse a scenario, a noise or errors for which hedging cannot be computed."""
     if len(scenario.meals) != 1:
         raise Refusal(
@@ -163,7 +163,7 @@ def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[fl
             raise Refusal(f"an error of {error:g} is not possible; give more than 0, below 0.5")
 
 
-def first_distinct(difference_mg_dl: Values, noise_variance: float, error: float) -> int:
+def _first_distinct(difference_mg_dl: Values, noise_variance: float, error: float) -> int:
     """First sample of differing readings ``(samples,)`` at which the best test of two worlds comes down to an error.
 
     The error is the probability of the wrong answer where both worlds are as likely. It is the number of samples if

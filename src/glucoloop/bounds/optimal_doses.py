@@ -25,7 +25,7 @@ from jax.typing import ArrayLike
 from glucoloop.arguments import checked, on_host
 from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.bounds.trajectory import RunModel, trajectory_of
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.protocol import of_glucose
 from glucoloop.metrics.regulation import Settling
@@ -45,10 +45,10 @@ OBJECTIVES: Final = {
 """Objectives that a plan can minimise, each with its meaning."""
 IN_ADVANCE: Final = -math.inf
 """Value of `known_after_min` for meals that are all known from the start."""
-MAX_SAMPLES: Final = 600
+_MAX_SAMPLES: Final = 600
 """Largest number of doses of a plan; a plan of so many takes minutes."""
 
-TOLERANCE_MG_DL: Final = 1e-4
+_TOLERANCE_MG_DL: Final = 1e-4
 _LESS_WEIGHT: Final = 0.01
 _STATIONARY_MG_DL: Final = 2e-3
 _STATIONARY_SHARE: Final = 5e-3
@@ -153,7 +153,7 @@ def optimal_doses(
         For a patient whom the exponential integrator cannot carry.
     """
     scenario = Scenario() if scenario is None else scenario
-    check_objective(objective, undershoot_weight)
+    _check_objective(objective, undershoot_weight)
     check_sample_time(sample_time_min)
     check_known_after(known_after_min)
     check_samples(scenario.horizon_min, sample_time_min)
@@ -174,7 +174,7 @@ def optimal_doses(
     return collected(eaten, scenario, doses, minimum, iterations, known_after_min, objective)
 
 
-def check_objective(objective: str, undershoot_weight: float) -> None:
+def _check_objective(objective: str, undershoot_weight: float) -> None:
     """Refuse an unknown objective or a weight that is not positive."""
     if objective not in OBJECTIVES:
         raise Refusal(f"unknown objective {objective!r}; the known ones are: {', '.join(OBJECTIVES)}")
@@ -192,10 +192,10 @@ def check_known_after(known_after_min: float) -> None:
 
 def check_samples(horizon_min: float, sample_time_min: float) -> None:
     """Refuse a run that is too long for one plan."""
-    if horizon_min / sample_time_min > MAX_SAMPLES:
+    if horizon_min / sample_time_min > _MAX_SAMPLES:
         raise Refusal(
             f"a plan of {horizon_min / sample_time_min:.0f} doses is too long; at samples of {sample_time_min:g} min "
-            f"give a horizon of at most {MAX_SAMPLES * sample_time_min:g} min"
+            f"give a horizon of at most {_MAX_SAMPLES * sample_time_min:g} min"
         )
 
 
@@ -293,7 +293,7 @@ class DosePlan:
         """The minimum of an objective."""
         measure = self._measure(objective, undershoot_weight)
         v = self.vector(start)
-        tolerance = TOLERANCE_MG_DL
+        tolerance = _TOLERANCE_MG_DL
         if measure.weight is not None:
             tolerance *= max(1.0, 1e-4 * measure.value(self.deviation(v), np.zeros(1)))
         result = self._minimise(measure, v, tolerance)
@@ -312,7 +312,7 @@ class DosePlan:
         calm = Measure(
             cost=(_SLACK_WEIGHT, _SLACK_WEIGHT), cap_mg_dl=caps, weight=_CALM * self._at_samples(), moves=_CALM
         )
-        return self._minimise(calm, result.v, TOLERANCE_MG_DL / 10.0)
+        return self._minimise(calm, result.v, _TOLERANCE_MG_DL / 10.0)
 
     def _measure(self, objective: str, undershoot_weight: float) -> Measure:
         if objective == "deviation":

@@ -49,19 +49,19 @@ def _export(typed: Given) -> None:
         config = completed(request, Export)
         without_effect = notes_without_effect(config)
         note((*intravenous_boluses(config), *without_effect))
-        from glucoloop.cli.exported import print_rungs, report, write
+        from glucoloop.cli.exported import print_checks, report, write
 
         with stage("Designing the controller, and writing it in C"):
-            made, rungs = write(config, folder, without_effect)
+            made, checks = write(config, folder, without_effect)
         files = folder.paths()
     if output.json:
-        print_json(report(made, rungs, without_effect), files)
+        print_json(report(made, checks, without_effect), files)
     else:
         exported = made.exported
         print_text(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
-        print_rungs(rungs)
+        print_checks(checks)
         print_text(where_written(output.out, files))
-    if any(rung.holds is False for rung in rungs):
+    if any(check.holds is False for check in checks):
         sys.exit(1)
 
 
@@ -76,17 +76,17 @@ def _check(typed: Given) -> None:
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
     chosen: Given = {key: typed[key] for key in typed if key in ("samples", "target")}
     config = completed(request_of({"config": str(configuration), **chosen}, OPTIONS), Export)
-    from glucoloop.cli.exported import check, print_rungs
+    from glucoloop.cli.exported import check, print_checks
 
     with stage("Checking"):
-        rungs = check(config, folder)
+        checks = check(config, folder)
     if typed.get("json"):
         from glucoloop.storage.files import with_version
 
-        print_value(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]}))
+        print_value(with_version({"folder": str(folder), "checks": [check.as_dict() for check in checks]}))
     else:
-        print_rungs(rungs)
-    sys.exit(1 if any(rung.holds is False for rung in rungs) else 0)
+        print_checks(checks)
+    sys.exit(1 if any(check.holds is False for check in checks) else 0)
 
 
 EXPORT: Final = Command("export", HELP, OPTIONS, _export, more="export")

@@ -10,10 +10,9 @@ from typing import Any
 from glucoloop.build.designs import controller_of
 from glucoloop.cli.screen import print_text
 from glucoloop.control.protocol import computed_settings
+from glucoloop.firmware.checks import CHECKED, INTERPRETED, Check, checks_of, chips_for
 from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
-from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
-from glucoloop.firmware.rung import Rung
 from glucoloop.firmware.safety import safety_report
 from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
 from glucoloop.models.settings import FilePart
@@ -49,21 +48,21 @@ class Made:
         return record(self.exported, self.controller, self.config, init, step, samples=samples, seed=seed)
 
 
-def write(config: Export, folder: OutputFolder, notes: Sequence[str]) -> tuple[Made, list[Rung]]:
+def write(config: Export, folder: OutputFolder, notes: Sequence[str]) -> tuple[Made, list[Check]]:
     """Design a controller, write it in C, run the quick checks, and write the folder; returns it and the checks."""
     made, chip = Made(config), chip_of(config.target)
     exported = made.exported
     chips, of_loop = [] if chip is None else [chip], made.recorded(config.samples, config.seed)
-    rungs = list(ladder(exported, of_loop, chips, samples=INTERPRETED[exported.source.form], deep=False))
+    checks = list(checks_of(exported, of_loop, chips, samples=INTERPRETED[exported.source.form], deep=False))
     for file, text in code_files(exported, of_loop, chip).items():
         folder.write(file, text)
     folder.write("controller.csv", numbers_table(made.controller))
     name, guarded = name_of(config, config.case), config.case.guard is not None
-    checks = [rung.as_dict() for rung in rungs]
-    folder.write("README.md", readme(exported, name, config.sample_time_min, chip, checks, guarded=guarded))
-    folder.write("PROOF.md", proof(exported, name, checks))
-    folder.write("SAFETY.md", safety_report(exported, name, checks, guarded=guarded))
-    folder.write("manifest.json", json_text(with_version(report(made, rungs, notes))) + "\n")
+    outcomes = [check.as_dict() for check in checks]
+    folder.write("README.md", readme(exported, name, config.sample_time_min, chip, outcomes, guarded=guarded))
+    folder.write("PROOF.md", proof(exported, name, outcomes))
+    folder.write("SAFETY.md", safety_report(exported, name, outcomes, guarded=guarded))
+    folder.write("manifest.json", json_text(with_version(report(made, checks, notes))) + "\n")
     used, given = config.tree(whole=True), config.tree()
     used["controller"][0].update({"settled": made.settled} if made.settled else {})
     if made.model is not None:
@@ -71,10 +70,10 @@ def write(config: Export, folder: OutputFolder, notes: Sequence[str]) -> tuple[M
         if isinstance(config.case.model, FilePart):
             used["controller"][0]["model"] = given["model"] = {"name": FilePart.name, "path": "model.json"}
     folder.write("run.toml", toml_text(used, "export --config run.toml --out DIR", given))
-    return made, rungs
+    return made, checks
 
 
-def report(made: Made, rungs: Sequence[Rung], notes: Sequence[str]) -> dict[str, Any]:
+def report(made: Made, checks: Sequence[Check], notes: Sequence[str]) -> dict[str, Any]:
     """Plain values for JSON."""
     exported, source = made.exported, made.exported.source
     return {
@@ -85,13 +84,13 @@ def report(made: Made, rungs: Sequence[Rung], notes: Sequence[str]) -> dict[str,
         "precision": exported.precision,
         "state_bytes": source.record_bytes - 20,
         "workspace_numbers": dict(source.workspace),
-        "checks": [rung.as_dict() for rung in rungs],
+        "checks": [check.as_dict() for check in checks],
         "notes": list(notes),
     }
 
 
-def check(config: Export, folder: Path) -> list[Rung]:
-    """Design the controller of a folder again, and run the whole ladder."""
+def check(config: Export, folder: Path) -> list[Check]:
+    """Design the controller of a folder again, and run all checks."""
     made = Made(config)
     exported, name = made.exported, "the design of the folder gives its C file again"
     same = read_text(folder / "controller.c", "a controller") == exported.source.code
@@ -103,13 +102,13 @@ def check(config: Export, folder: Path) -> list[Rung]:
         )
     chips, of_loop = chips_for(chip_of(config.target)), made.recorded(config.samples, config.seed)
     return [
-        Rung(name, same, results, {}),
-        *ladder(exported, of_loop, chips, samples=CHECKED[exported.source.form], deep=True),
+        Check(name, same, results, {}),
+        *checks_of(exported, of_loop, chips, samples=CHECKED[exported.source.form], deep=True),
     ]
 
 
-def print_rungs(rungs: Sequence[Rung]) -> None:
+def print_checks(checks: Sequence[Check]) -> None:
     """Print one line for each check."""
-    for rung in rungs:
-        verdict = {True: "holds", False: "does not hold", None: "not run"}[rung.holds]
-        print_text(f"{verdict:>13}  {rung.check}: {rung.finding}.")
+    for check in checks:
+        verdict = {True: "holds", False: "does not hold", None: "not run"}[check.holds]
+        print_text(f"{verdict:>13}  {check.name}: {check.finding}.")

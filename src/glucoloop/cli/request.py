@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from glucoloop.cli.errors import written_whole
 from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, options_of
-from glucoloop.cli.screen import note, stage
+from glucoloop.cli.screen import for_terminal, note, stage
 from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
 from glucoloop.component.part import Part
 from glucoloop.patients.settings import DEFAULT_PATIENT
@@ -239,9 +239,10 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 def completed(request: Request, root: type[P]) -> P:
     """The complete request, once the simulator is imported; with a note on what a file leaves out and is other now."""
     with stage("Importing the simulator"):
-        from glucoloop.cli.jax_cache import keep_compiled
+        if for_terminal():  # the settings of JAX are the user's in Python
+            from glucoloop.cli.jax_cache import keep_compiled
 
-        keep_compiled()  # before the patient's rest is computed
+            keep_compiled()  # before the patient's rest is computed
         config = request_from(root, request.tree)
         if request.used is not None:
             with contextlib.suppress(Refusal):  # a file that does not stand alone

@@ -10,6 +10,7 @@ import contextlib
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -56,10 +57,33 @@ def print_text(text: str, *, end: str = "\n", error: bool = False) -> None:
     print(printable_lines(text), end=end, file=sys.stderr if error else sys.stdout)
 
 
+_NOTES: Final[ContextVar[list[str] | None]] = ContextVar("notes", default=None)
+
+
+@contextlib.contextmanager
+def collected_notes() -> Iterator[list[str]]:
+    """List that collects the notes of the block, which are not printed then."""
+    notes: list[str] = []
+    token = _NOTES.set(notes)
+    try:
+        yield notes
+    finally:
+        _NOTES.reset(token)
+
+
+def for_terminal() -> bool:
+    """Whether a command runs for a terminal; otherwise a function of Python carries it out."""
+    return _NOTES.get() is None
+
+
 def note(texts: Iterable[str]) -> None:
     """Print notes, one line each."""
+    notes = _NOTES.get()
     for text in texts:
-        print_text(printable(text), error=True)
+        if notes is None:
+            print_text(printable(text), error=True)
+        else:
+            notes.append(text)
 
 
 class _Printable:

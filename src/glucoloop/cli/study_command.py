@@ -30,7 +30,7 @@ from glucoloop.text import how_many
 if TYPE_CHECKING:
     from glucoloop.storage.results import Results
     from glucoloop.storage.resumable import ResumableFolder, Work
-    from glucoloop.storage.trials.folder import TrialFolder
+    from glucoloop.trials.folder import TrialFolder
 
 F = TypeVar("F", bound="ResumableFolder")
 
@@ -63,22 +63,75 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
 
 
 def _run(study: Study, typed: Given) -> None:
-    """Check the request, carry it out or go on with it, and print the results."""
+    """Carry a study out or go on with it, print the results, and leave with its exit code."""
+    with showing(typed.get(UNITS.key, "mg/dl")):
+        outcome = carry_out(study, typed)
+        outcome.print()
+    if outcome.interruption:
+        interrupted(outcome.interruption)
+    if not outcome.holds:
+        sys.exit(1)
+
+
+def carry_out(study: Study, typed: Given) -> Outcome:
+    """Check the options of a study, and carry it out or go on with it."""
     request = request_of(typed, study_options(study))
     read_root(study.request, request.tree)
-    with showing(typed.get(UNITS.key, "mg/dl")):
-        _carry_out(study, request, typed)
-
-
-def _carry_out(study: Study, request: Request, typed: Given) -> None:
     if isinstance(study, TrialStudy):
-        _run_trial(study, request, Computing.of(typed))
-    elif isinstance(study, SearchStudy):
-        _run_search(study, request)
-    elif isinstance(study, PlainStudy):
-        _run_plain(study, request)
-    else:
-        raise TypeError(f"{type(study).__name__} is no kind of study")
+        return _run_trial(study, request, Computing.of(typed))
+    if isinstance(study, SearchStudy):
+        return _run_search(study, request)
+    if isinstance(study, PlainStudy):
+        return _run_plain(study, request)
+    raise TypeError(f"{type(study).__name__} is no kind of study")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Results of a study that was carried out, and the files that hold them."""
+
+    run: _StudyRun
+    results: Results
+    files: Mapping[str, str]
+    """Paths of the files by name."""
+    written: str | None = None
+    """Sentence on the place of the files, where it differs from the usual one."""
+    interruption: str = ""
+    """Sentence on what was done when the study was interrupted; empty for one that is whole."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether everything that the study checks holds, as its exit code tells."""
+        return bool(self.results.plain.get("holds", True) and self.results.plain.get("complete", True))
+
+    def tables(self) -> tuple[object, ...]:
+        """Tables for the terminal, which rich prints."""
+        with self.results.refusing_damage():
+            return tuple(self.run.module.tables(self.run.config, self.results))
+
+    def sentences(self) -> tuple[str, ...]:
+        """Conclusions and notes, in the units that are shown."""
+        run, results = self.run, self.results
+        notes = (text for text in results.plain.get("notes", ()) if text not in run.without_effect)
+        with results.refusing_damage():
+            return tuple(map(in_shown_units, (*run.sentences("sentences", run.config, results), *notes)))
+
+    def print(self) -> None:
+        """Print the results: as JSON, or as tables and sentences, the place of the files, and how to go on."""
+        run, results = self.run, self.results
+        tables, sentences = self.tables(), self.sentences()
+        with results.refusing_damage():
+            next_steps = tuple(run.sentences("next_steps", results, self.files))
+        if run.output.json:
+            notes = (text for text in results.plain.get("notes", ()) if text not in run.without_effect)
+            print_json(results.plain, self.files, notes)
+            return
+        with results.refusing_damage():
+            for table in tables:
+                show(table)
+        place = where_written(run.output.out, self.files) if self.written is None else self.written
+        for line in (*sentences, *([place] if place else []), *next_steps):
+            print_text(line)
 
 
 @dataclass(frozen=True)
@@ -149,26 +202,8 @@ class _StudyRun:
         name = self.study.name
         with stage("Drawing"):
             tables = latex_tables(self.module.tables(self.config, results), name, f"glucoloop {name}")
-            drawn: Mapping[str, bytes] = self.module.drawn(self.config, results)
-            return {**results.files(self.study.summary), TABLES: tables.encode(), **drawn}
-
-    def print_results(self, results: Results, files: Mapping[str, str], written: str | None = None) -> None:
-        """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
-        with results.refusing_damage():
-            untold = tuple(text for text in results.plain.get("notes", ()) if text not in self.without_effect)
-            notes = tuple(map(in_shown_units, untold))
-            tables = tuple(self.module.tables(self.config, results))
-            conclusions = tuple(map(in_shown_units, self.sentences("sentences", self.config, results)))
-            how_to_go_on = tuple(self.sentences("how_to_go_on", results, files))
-        if self.output.json:
-            print_json(results.plain, files, untold)
-            return
-        with results.refusing_damage():
-            for table in tables:
-                show(table)
-        place = where_written(self.output.out, files) if written is None else written
-        for line in (*conclusions, *notes, *([place] if place else []), *how_to_go_on):
-            print_text(line)
+            files: Mapping[str, bytes] = self.module.files_of(self.config, results)
+            return {**results.files(self.study.summary), TABLES: tables.encode(), **files}
 
     def sentences(self, function: str, *arguments: Any) -> Iterable[str]:
         """Sentences by a function that the module may lack."""
@@ -176,8 +211,8 @@ class _StudyRun:
         return results
 
 
-def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
-    from glucoloop.storage.trials.folder import SHARDS, TrialFolder, trial_folder
+def _run_trial(study: TrialStudy, request: Request, where: Computing) -> Outcome:
+    from glucoloop.trials.folder import SHARDS, TrialFolder, trial_folder
 
     out = _needed_folder(study, request.output)
     _refuse_unusable(study, out, TrialFolder, SHARDS, overwrite=request.output.overwrite)
@@ -186,7 +221,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
 
     work, trial, start = run.work("trial"), module.trial_of(run.config), time.monotonic()
     if request.output.overwrite:
-        from glucoloop.cohorts.engine import prepare
+        from glucoloop.trials.engine import prepare
 
         with stage("Designing controllers"):
             prepare(trial)  # what cannot be designed must not cost earlier work
@@ -201,10 +236,10 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
 
     results = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
     files = _paths(out, *work.final, work.configuration)
-    run.print_results(results, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
+    return Outcome(run, results, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
 
 
-def _run_search(study: SearchStudy, request: Request) -> None:
+def _run_search(study: SearchStudy, request: Request) -> Outcome:
     output = request.output
     out = _needed_folder(study, output) if study.needs_folder else output.place
     from glucoloop.storage.rows import RowsFolder, rows_folder
@@ -229,15 +264,14 @@ def _run_search(study: SearchStudy, request: Request) -> None:
 
     if out is None:
         rows: list[Any] = []
-        run.print_results(run.with_notes(search(rows, rows.append)), {})
-        return
+        return Outcome(run, run.with_notes(search(rows, rows.append)), {})
     work = run.work("search", study.extent)
     opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
     results = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
-    run.print_results(results, _paths(out, *work.final, row_kind.file, work.configuration))
+    return Outcome(run, results, _paths(out, *work.final, row_kind.file, work.configuration))
 
 
-def _run_plain(study: PlainStudy, request: Request) -> None:
+def _run_plain(study: PlainStudy, request: Request) -> Outcome:
     files: dict[str, str] = {}
     with (
         request.output.folder(f"{study.name}.toml", study.summary)
@@ -258,14 +292,13 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
             for name, data in {configuration: text.encode(), **run.files_of(results)}.items():
                 folder.write(name, data)
             files = folder.paths()
-    run.print_results(results, files, None if study.keeps_files else "")
+    interruption = ""
     if results.plain.get("interrupted"):
         amount, unit = module.amount(config), study.unit
-        interrupted(
+        interruption = (
             f"interrupted; of {amount} {unit} {results.plain[unit]} were checked to the end; their results follow"
         )
-    if not (results.plain.get("holds", True) and results.plain.get("complete", True)):
-        sys.exit(1)
+    return Outcome(run, results, files, None if study.keeps_files else "", interruption)
 
 
 def _needed_folder(study: Study, output: Output) -> Path:

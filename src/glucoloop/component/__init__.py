@@ -3,7 +3,8 @@
 Here is what a part is; the parts themselves are declared beside what they make, and `catalogue.HOMES` says where.
 """
 
+from glucoloop.component.pytree_component import DATA, HOST, STATIC, derived, derived_static, wired
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.setting import About, Default, usual
 
-__all__ = ["About", "Default", "Tuned", "usual"]
+__all__ = ["DATA", "HOST", "STATIC", "About", "Default", "Tuned", "derived", "derived_static", "usual", "wired"]

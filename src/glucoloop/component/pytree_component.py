@@ -37,14 +37,14 @@ T = TypeVar("T")
 
 
 class Role(Enum):
-    """What an attribute is in a compiled program."""
+    """Role of an attribute in a compiled program."""
 
     DATA = "data"
     """Numbers that change without compiling again, in which people may differ: the default of a `float`."""
     STATIC = "static"
     """Part of the program: the default of other settings."""
     HOST = "host"
-    """No part of the program: something is derived from it before. Within a program there is `ABSENT` in its place."""
+    """Known on the host alone, where something is derived from it. Within a program there is `ABSENT` in its place."""
 
 
 DATA: Final = Role.DATA
@@ -128,19 +128,20 @@ class PytreeComponent(Part):
     def replaced(self, **values: Any) -> Self:
         """The same with other values, which are not checked: they may be arrays of people.
 
-        What is derived follows from other settings, but not from another ``inner``, unless it is among the values.
+        What is derived follows, unless it is among the values; within a program it stays as it is.
         """
         whole = object.__new__(type(self))
-        derived_names = self.derived_names()
-        keep = values.keys() <= {"inner", *derived_names}
-        vars(whole).update({name: old for name, old in vars(self).items() if keep or name not in derived_names})
-        vars(whole).update(values)
+        old = vars(self)
+        if not any(value is ABSENT for value in old.values()):
+            old = {name: value for name, value in old.items() if name not in self.derived_names()}
+        vars(whole).update({**old, **values})
         return whole
 
     def made(self, **surroundings: Any) -> Any:
         """The same connected to its surroundings: of these it takes those that it has fields for."""
         fields = {field.name for field in dataclasses.fields(typing.cast(Any, self)) if WIRING in field.metadata}
         whole = self.replaced(**{name: value for name, value in surroundings.items() if name in fields})
+        whole.__post_init__()
         for name in self.derived_names():
             getattr(whole, name)  # refuses what cannot be
         return whole

@@ -16,23 +16,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
+from glucoloop.component.setting import About
 from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known
-from glucoloop.control.design_case import DesignCase
-from glucoloop.control.profile_settings import BasalBolusSettings
+from glucoloop.control.design_case import DesignCase, check_number, check_rate, check_sample_time
+from glucoloop.control.part import ByProfile, CarbRatio, CorrectionFactor
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_number, check_rate, check_sample_time
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import Profile
-from glucoloop.unit_guess import CARB_RATIO, CORRECTION, INSULIN_RATE, refuse_unusual
+from glucoloop.unit_guess import ACTION_TIME, CARB_RATIO, CORRECTION, GLUCOSE_BOUND, INSULIN_RATE, refuse_unusual
 from glucoloop.units import MU_PER_U
 
 _LEFT: Final = 4.744
@@ -40,6 +38,42 @@ _LEFT: Final = 4.744
 0.05``.
 """
 _LONG_AGO_MIN: Final = 1e5
+
+
+class BasalBolusSettings(ByProfile, name="basal-bolus"):
+    """Basal rate, and boluses for announced meals and against high glucose, by the usual formula."""
+
+    sources = ("zisser2008",)
+
+    carb_ratio_g_U: CarbRatio = 0.0
+    correction_mg_dl_U: CorrectionFactor = 0.0
+    insulin_on_board_min: Annotated[
+        float, About("Minutes after which 5 % of a bolus is still under the skin.", above=0.0, quantity=ACTION_TIME)
+    ] = 300.0
+    correction_above_mg_dl: Annotated[
+        float,
+        About("Reading above which a correction is given without a meal, in mg/dl.", above=0.0, quantity=GLUCOSE_BOUND),
+    ] = 180.0
+    correction_every_min: Annotated[
+        float,
+        About("Minutes since the last bolus before which no correction is given without a meal.", at_least=0.0),
+    ] = 180.0
+
+    def designed(self, case: DesignCase) -> BasalBolus:
+        """Basal-bolus controller of the catalogue, for a patient's profile."""
+        controller = design_basal_bolus(
+            case.basal_insulin_mU_min,
+            case.limits,
+            carb_ratio_g_U=self.carb_ratio_g_U or None,
+            correction_mg_dl_U=self.correction_mg_dl_U or None,
+            insulin_on_board_min=self.insulin_on_board_min,
+            correction_above_mg_dl=self.correction_above_mg_dl,
+            correction_every_min=self.correction_every_min,
+            bolus=case.bolus,
+            sample_time_min=case.sample_time_min,
+            allow_unusual=True,  # which is asked about where it is read
+        )
+        return controller.with_profile(case.profile)
 
 
 @pytree
@@ -163,9 +197,9 @@ def design_basal_bolus(
     *,
     carb_ratio_g_U: float | None = None,
     correction_mg_dl_U: float | None = None,
-    insulin_on_board_min: float = 300.0,
-    correction_above_mg_dl: float = 180.0,
-    correction_every_min: float = 180.0,
+    insulin_on_board_min: float = BasalBolusSettings.insulin_on_board_min,
+    correction_above_mg_dl: float = BasalBolusSettings.correction_above_mg_dl,
+    correction_every_min: float = BasalBolusSettings.correction_every_min,
     bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
     allow_unusual: bool = False,
@@ -251,20 +285,3 @@ def design_basal_bolus(
         bolus=bolus,
         sample_time_min=sample_time_min,
     )
-
-
-def design(case: DesignCase, settings: BasalBolusSettings) -> BasalBolus:
-    """Basal-bolus controller of the catalogue, for a patient's profile."""
-    controller = design_basal_bolus(
-        case.basal_insulin_mU_min,
-        case.limits,
-        carb_ratio_g_U=settings.carb_ratio_g_U or None,
-        correction_mg_dl_U=settings.correction_mg_dl_U or None,
-        insulin_on_board_min=settings.insulin_on_board_min,
-        correction_above_mg_dl=settings.correction_above_mg_dl,
-        correction_every_min=settings.correction_every_min,
-        bolus=case.bolus,
-        sample_time_min=case.sample_time_min,
-        allow_unusual=True,  # which is asked about where it is read
-    )
-    return controller.with_profile(case.profile)

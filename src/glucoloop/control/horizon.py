@@ -7,21 +7,18 @@ needed: it gives 1 / share times too much, and takes it back when glucose falls.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jnp, np, npt
 from glucoloop.arguments import is_traced
-from glucoloop.control.settings import LONGEST_PREDICTION_HORIZON, MPCTuning
-from glucoloop.control.tuning import check_gain
+from glucoloop.control.design_case import check_gain
+from glucoloop.control.tuning import LONGEST_PREDICTION_HORIZON, MPCTuning
 from glucoloop.models.nonlinear import NonlinearModel
 from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response
 from glucoloop.models.step_response import StepResponseModel, extended
 from glucoloop.refusal import Refusal
 
-Floats = npt.NDArray[np.float64]
+Floats: TypeAlias = "npt.NDArray[np.float64]"
 
 MIN_SHARE: Final = 0.05
 """Least share of its gain that the response of a model has at the horizon.

@@ -7,21 +7,43 @@ E. Zafiriou, Robust Process Control, 1989, ch. 4 and 8.
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.component.effects import ONLY_READINGS, Need
+from glucoloop.component.setting import About
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.design_case import DesignCase
+from glucoloop.control.design_case import DesignCase, check_gain, check_number, check_sample_time
+from glucoloop.control.part import ControllerPart, FittedStep
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import IMCSettings
-from glucoloop.control.tuning import check_gain, check_number, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
+
+
+class IMCSettings(ControllerPart, name="imc"):
+    """Internal model control with a filter, on a first-order model with dead time."""
+
+    sources = ("parker1999", "sorensen1985", "morari1989")
+    used: ClassVar = ONLY_READINGS
+    uses_model: ClassVar = False
+
+    filter_min: Annotated[float, About("Time constant of the filter, λ, in minutes.", above=0.0)] = 1.0
+    delay_min: Annotated[float, About("Dead time of the first-order model, in minutes.", at_least=0.0)] = 5.0
+    step_mU_min: FittedStep = 0.0
+
+    def designed(self, case: DesignCase) -> IMC:
+        """IMC on a first-order model of the patient; a known dead time is added to the model's own."""
+        model = case.first_order(self.step_mU_min or None, self.delay_min)
+        return design_imc(
+            float(model.gain),
+            float(model.tau_min),
+            self.delay_min + case.dead_time_samples * case.sample_time_min,
+            case.limits,
+            filter_min=self.filter_min,
+            sample_time_min=case.sample_time_min,
+        )
 
 
 @pytree
@@ -105,7 +127,7 @@ def design_imc(
     delay_min: float,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    filter_min: float = 1.0,
+    filter_min: float = IMCSettings.filter_min,
     sample_time_min: float = 5.0,
 ) -> IMC:
     """Discrete internal model controller with a first-order filter.
@@ -158,17 +180,4 @@ def design_imc(
         limits=limits,
         delay_samples=delay,
         sample_time_min=sample_time_min,
-    )
-
-
-def design(case: DesignCase, settings: IMCSettings) -> IMC:
-    """IMC on a first-order model of the patient; a known dead time is added to the model's own."""
-    model = case.first_order(settings.step_mU_min or None, settings.delay_min)
-    return design_imc(
-        float(model.gain),
-        float(model.tau_min),
-        settings.delay_min + case.dead_time_samples * case.sample_time_min,
-        case.limits,
-        filter_min=settings.filter_min,
-        sample_time_min=case.sample_time_min,
     )

@@ -10,24 +10,35 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.effects import ONLY_READINGS, Need
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.horizon import identified_response, suited, unseen
+from glucoloop.control.horizon import identified_response, or_suited, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, LinearMPCSettings, MPCTuning
-from glucoloop.control.tuning import NOISE_FREE
+from glucoloop.control.tuning import DEFAULT_FLOOR_WEIGHT, Constraints, FloorGlucose, FloorWeight, MPCTuning
 from glucoloop.models.step_response import Realisation, StepResponseModel, extended
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
+
+
+class LinearMPCSettings(MPCTuning, name="mpc"):
+    """Linear model predictive control on the identified step response."""
+
+    sources = ("parker1999", "lee1994")
+    individual: ClassVar = "glucoloop.build.individual:linear_mpc"
+    tunable: ClassVar = True
+
+    constraints: Constraints = "clip"
+    glucose_floor_mg_dl: FloorGlucose = 0.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+
+    def designed(self, case: DesignCase) -> LinearMPC:
+        """Linear MPC; a known dead time lengthens its horizon, so that it looks as far past it as before."""
+        return design_linear_mpc(case.identified, self.longer(case.dead_time_samples), case.limits, **self.moves)
 
 
 @pytree
@@ -138,9 +149,9 @@ def design_linear_mpc(
     tuning: MPCTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    constraints: str = "clip",
-    glucose_floor_mg_dl: float = 0.0,
-    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
+    constraints: str = LinearMPCSettings.constraints,
+    glucose_floor_mg_dl: float = LinearMPCSettings.glucose_floor_mg_dl,
+    floor_weight: float = LinearMPCSettings.floor_weight,
 ) -> LinearMPC:
     r"""Linear MPC on an identified step response.
 
@@ -196,8 +207,7 @@ def design_linear_mpc(
     >>> [round(float(k), 4) for k in controller.gain]
     [-0.2, -0.36, -0.48]
     """
-    usual = NOISE_FREE.prediction_horizon
-    tuning = dataclasses.replace(NOISE_FREE, prediction_horizon=0) if tuning is None else tuning
+    tuning, usual = or_suited(tuning, MPCTuning())
     response, gain = identified_response(model)
     if not is_traced(response) and not np.all(np.isfinite(response)):
         raise Refusal("the step response has a value that is not finite; identify the model again")
@@ -219,9 +229,9 @@ def linear_mpc_of_people(
     *,
     sample_time_min: float,
     realisation: Realisation | None = None,
-    constraints: str = "clip",
-    glucose_floor_mg_dl: float = 0.0,
-    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
+    constraints: str = LinearMPCSettings.constraints,
+    glucose_floor_mg_dl: float = LinearMPCSettings.glucose_floor_mg_dl,
+    floor_weight: float = LinearMPCSettings.floor_weight,
 ) -> LinearMPC:
     """Controllers of many people, who trail, each on the person's own step response ``(M, people)``.
 
@@ -245,8 +255,3 @@ def linear_mpc_of_people(
 def _as_jax(realisation: Realisation | None) -> Realisation | None:
     arrays: Realisation | None = jax.tree.map(jnp.asarray, realisation)
     return arrays
-
-
-def design(case: DesignCase, settings: LinearMPCSettings) -> LinearMPC:
-    """Linear MPC; a known dead time lengthens its horizon, so that it looks as far past it as before."""
-    return design_linear_mpc(case.identified, settings.longer(case.dead_time_samples), case.limits, **settings.moves)

@@ -9,30 +9,49 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
-import jax
-import jax.numpy as jnp
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
-from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
+from glucoloop.component.effects import ANNOUNCEMENTS, READINGS, TIME_OF_DAY, Need
+from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import About
+from glucoloop.control.decision import (
+    MealsToCome,
+    decide,
+    delivered_since,
+    hear,
+    is_known,
+    is_of_a_person,
+    no_meals_to_come,
+    rate_at_start,
+)
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import or_suited, response_at_rest, suited
+from glucoloop.control.part import SensorLag
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import MealMPCSettings, MealTuning
+from glucoloop.control.tuning import (
+    DEFAULT_FLOOR_WEIGHT,
+    FloorGlucose,
+    FloorWeight,
+    MoveWeight,
+    MPCTuning,
+    OutputWeight,
+    PredictionHorizon,
+)
 from glucoloop.estimation.unknown_meal import (
+    ESTIMATORS,
+    EstimatorPart,
     MealEstimate,
     MealEstimator,
     MealHabits,
+    MovingHorizonSettings,
     Sensed,
 )
 from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
 from glucoloop.estimation.unknown_meal.habits import earlier
-from glucoloop.estimation.unknown_meal.settings import EstimatorPart, MovingHorizonSettings
 from glucoloop.meals.stomach import Announced, Gut, Stomach, announce, digest, gut_of, serve
 from glucoloop.models.nonlinear import (
     FedModel,
@@ -44,6 +63,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.qp.moves_qp import limit_moves
 from glucoloop.qp.soft_floor import minimise_moves_above_floor
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import MEAL
 
 _MIN_VARIANCE: Final = 0.01
 """(mg/dl)^2 that a filter expects of readings without noise."""
@@ -65,6 +85,144 @@ _AT_REST_MG_DL: Final = 5.0
 """Distance from the setpoint, in mg/dl, at which a lasting appearance is learned at half its pace."""
 _AT_REST_MG: Final = 1000.0
 """Content of the gut, in mg, at which it is learned at half its pace."""
+
+
+_STEADY: Final = Need("meals_by_time takes its place")
+
+
+class MealTuning(MPCTuning):
+    """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
+
+    The caution weight is multiplied by ``sqrt(P (1 - P) + 0.1)``: the variance of whether there is a meal, and what is
+    not known of a certain one, its end and the speed of the stomach. At an anticipation of 1 glucose rests a little
+    below the setpoint, 0.2 mg/dl without noise and 0.8 with noise of variance 1.45, and the peak after 50 g is lower by
+    0.2 and 0.5. At 0 it rests 0.1 below with this noise, and at the setpoint without noise.
+    """
+
+    used: ClassVar = frozenset({READINGS, ANNOUNCEMENTS})
+
+    prediction_horizon: PredictionHorizon = 12
+    output_weight: OutputWeight = 1.0
+    move_weight: MoveWeight = 0.22
+    caution_weight: Annotated[float, About("Weight on low glucose if the meal ended at once.", at_least=0.0)] = 3.5
+    caution_mg_dl: Annotated[
+        float,
+        About(
+            "Distance below the setpoint at which that counts as low without noise, in mg/dl; less with noise.",
+            at_least=0.0,
+        ),
+    ] = 2.2
+    glucose_floor_mg_dl: FloorGlucose = 65.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+    anticipation: Annotated[
+        float,
+        About(
+            "Share of the always expected meals for which insulin is given; 0: glucose rests at the setpoint.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 0.0
+    doubt: Annotated[
+        float,
+        About(
+            "Share of the unexplained appearance of glucose that may stop at once; 1: no dose rests on it alone.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 1.0
+    gut_doubt: Annotated[
+        float,
+        About(
+            "Share of the content of stomach and gut that the lowest likely forecast lacks if noise is large.",
+            at_least=0.0,
+            below=1.0,
+        ),
+    ] = 0.4
+    iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
+
+
+class MealMPCSettings(MealTuning, name="meal-mpc"):
+    """Predictive control on the nonlinear patient that estimates meals nobody announced."""
+
+    sources = ("lehmann1992", "diehl2005")
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.build.individual:individual_meal_mpc"
+    slow: ClassVar = True
+    searched: ClassVar = (
+        Tuned("move_weight", 0.02, 2.0, log=True),
+        Tuned("caution_weight", 0.5, 50.0, log=True),
+        Tuned("caution_mg_dl", 0.0, 15.0, log=False),
+        Tuned("meals_per_h", 0.02, 5.0, log=True),
+        Tuned("mean_carbs_g", 10.0, 150.0, log=True),
+        Tuned("disturbance_variance", 0.1, 1000.0, log=True),
+        Tuned("output_weight", 0.1, 10.0, log=True, by_default=False),
+        Tuned("glucose_floor_mg_dl", 55.0, 80.0, log=False, by_default=False),
+        Tuned("floor_weight", 0.5, 50.0, log=True, by_default=False),
+        Tuned("measurement_variance", 0.3, 30.0, log=True, by_default=False),
+    )
+
+    estimator: Annotated[EstimatorPart, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.usual].partial({})
+    meals_per_h: Annotated[
+        float,
+        About("Expected number of meals per hour; more is quicker and less certain.", above=0.0, needs=(_STEADY,)),
+    ] = 0.57
+    meals_by_time: Annotated[
+        str,
+        About(
+            "Expected number of meals per hour by the time of day, in place of meals_per_h: values with the times from "
+            "which they hold, like '0.6@06:30 0.02@22:00', or 24 numbers, one for each hour; empty: always the same."
+        ),
+    ] = ""
+    mean_carbs_g: Annotated[float, About("Mean size of a meal, in g.", above=0.0, quantity=MEAL)] = 20.0
+    disturbance_variance: Annotated[
+        float, About("Variance of the change of unexplained glucose per sample, (mg/min)².", at_least=0.0)
+    ] = 10.0
+    measurement_variance: Annotated[
+        float,
+        About(
+            "Variance of a reading that the filter assumes, R; 0: that of the sensor, from 0.01 to 1.45 where the "
+            "estimator learns the noise beyond it.",
+            at_least=0.0,
+        ),
+    ] = 0.0
+    sensor_lag_min: SensorLag = 0.0
+    individual_by: Annotated[
+        Literal["record", "basal", "none"],
+        About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),
+    ] = "record"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.needs_time_of_day:
+            self.habits()
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the controller meets; the time of day where meals are expected by it."""
+        return super().uses() | frozenset({TIME_OF_DAY} if self.needs_time_of_day else {_STEADY})
+
+    @property
+    def needs_time_of_day(self) -> bool:
+        """Whether the expected number of meals depends on the time of day."""
+        return bool(self.meals_by_time)
+
+    def habits(self) -> MealHabits:
+        """Prior of meals; meals by the time of day that are no table are refused."""
+        return MealHabits(self.meals_per_h, self.mean_carbs_g, self.meals_by_time)
+
+    def designed(self, case: DesignCase) -> MealMPC:
+        """Meal-aware nonlinear MPC, on the equations of the patient."""
+        case = case.behind_lag(self.sensor_lag_min)
+        return design_meal_mpc(
+            case.nonlinear(),
+            self,
+            case.limits,
+            habits=self.habits(),
+            estimator=self.estimator,
+            disturbance_variance=self.disturbance_variance,
+            measurement_variance=self.measurement_variance
+            or _measurement_variance(case.noise_variance, self.estimator),
+            dead_time_samples=case.dead_time_samples,
+        )
 
 
 @pytree
@@ -141,7 +299,9 @@ class MealMPC:
         scale = jnp.sqrt(self.model.nominal.insulin_mU_min / insulin_mU_min)
         return self.for_person(insulin_mU_min, scale)
 
-    def for_person(self, insulin_mU_min: ArrayLike, gain: ArrayLike = 1.0, lag: ArrayLike = 1.0) -> MealMPC:
+    def for_person(
+        self, insulin_mU_min: jax.typing.ArrayLike, gain: jax.typing.ArrayLike = 1.0, lag: jax.typing.ArrayLike = 1.0
+    ) -> MealMPC:
         """The same controller for another person: a basal rate, and gain and lag of insulin relative to the model's."""
         numbers = (jnp.asarray(number, float) for number in (insulin_mU_min, gain, lag))
         insulin, gain, lag = jnp.broadcast_arrays(*numbers)
@@ -346,7 +506,7 @@ def design_meal_mpc(
     *,
     habits: MealHabits | None = None,
     estimator: EstimatorPart | None = None,
-    disturbance_variance: float = 10.0,
+    disturbance_variance: float = MealMPCSettings.disturbance_variance,
     measurement_variance: float = 1.45,
     dead_time_samples: int = 0,
 ) -> MealMPC:
@@ -389,7 +549,7 @@ def design_meal_mpc(
     habits : MealHabits, optional
         Prior knowledge of meals.
     estimator : EstimatorPart, optional
-        One of `estimation.unknown_meal.settings`; the moving horizon by default.
+        One of `estimation.unknown_meal`; the moving horizon by default.
     disturbance_variance : float
         Variance of the change of unexplained glucose per sample, (mg/min)^2.
     measurement_variance : float
@@ -435,22 +595,6 @@ def design_meal_mpc(
         iterations=tuning.iterations,
         dead_time_samples=dead_time_samples,
         sample_time_min=model.sample_time_min,
-    )
-
-
-def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
-    """Meal-aware nonlinear MPC, on the equations of the patient."""
-    case = case.behind_lag(settings.sensor_lag_min)
-    return design_meal_mpc(
-        case.nonlinear(),
-        settings,
-        case.limits,
-        habits=settings.habits(),
-        estimator=settings.estimator,
-        disturbance_variance=settings.disturbance_variance,
-        measurement_variance=settings.measurement_variance
-        or _measurement_variance(case.noise_variance, settings.estimator),
-        dead_time_samples=case.dead_time_samples,
     )
 
 

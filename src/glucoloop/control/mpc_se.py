@@ -7,32 +7,70 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import ONLY_READINGS, Need
+from glucoloop.component.setting import About, usual
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import linear_response, or_suited, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, MPCSESettings, StateTuning
+from glucoloop.control.tuning import (
+    DEFAULT_FLOOR_WEIGHT,
+    Constraints,
+    FilterTuning,
+    FloorGlucose,
+    FloorWeight,
+    PredictionHorizon,
+    StateTuning,
+)
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.estimation.noise_level import NoisyFilters, SensorError, check_pace, no_error, noisy_filters, shares
 from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
-Matrix = npt.NDArray[np.float64]
+Matrix: TypeAlias = "npt.NDArray[np.float64]"
 
 OFFSET_FREE: Final = ("held-innovation", "output-disturbance", "input-disturbance", "none")
+
+
+class MPCSESettings(FilterTuning, name="mpc-se"):
+    """Linear MPC with a Kalman filter on the linearised patient."""
+
+    sources = ("parker1999", "ricker1990")
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.build.individual:mpc_se"
+    tunable: ClassVar = True
+    reference_filters: ClassVar = ".3:.8:.05"
+
+    prediction_horizon: PredictionHorizon = usual(default=7, noisy=8)
+    offset_free: Annotated[
+        Literal["held-innovation", "output-disturbance", "input-disturbance", "none"],
+        About("Way of removing a lasting error."),
+    ] = "held-innovation"
+    constraints: Constraints = "clip"
+    glucose_floor_mg_dl: FloorGlucose = 0.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+
+    def designed(self, case: DesignCase) -> MPCSE:
+        """MPC with state estimation, on the patient linearised at the operating point."""
+        case = case.behind_lag(self.sensor_lag_min)
+        return design_mpc_se(
+            case.linearised(),
+            case.process_noise(*self.process_noise),
+            self,
+            case.limits,
+            measurement_variance=self.measurement_variance,
+            offset_free=self.offset_free,
+            dead_time_samples=case.dead_time_samples,
+            noise_pace=self.noise_pace,
+            **self.moves,
+        )
 
 
 @pytree
@@ -194,18 +232,18 @@ def _with_disturbance(
 @on_host("its Kalman gain comes from a Riccati equation that SciPy solves")
 def design_mpc_se(
     model: LinearModel,
-    process_noise: ArrayLike,
+    process_noise: jax.typing.ArrayLike,
     tuning: StateTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    measurement_variance: float = 1.45,
-    offset_free: str = "held-innovation",
+    measurement_variance: float = MPCSESettings.measurement_variance,
+    offset_free: str = MPCSESettings.offset_free,
     disturbance_variance: float = 1.0,
     dead_time_samples: int = 0,
-    constraints: str = "clip",
-    glucose_floor_mg_dl: float = 0.0,
-    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
-    noise_pace: float = 0.0,
+    constraints: str = MPCSESettings.constraints,
+    glucose_floor_mg_dl: float = MPCSESettings.glucose_floor_mg_dl,
+    floor_weight: float = MPCSESettings.floor_weight,
+    noise_pace: float = MPCSESettings.noise_pace,
 ) -> MPCSE:
     """Linear MPC on a state-space model, with a steady Kalman filter and a reference filter.
 
@@ -358,9 +396,9 @@ def mpc_se_of_people(
     sample_time_min: float,
     hold_innovation: bool = True,
     dead_time_samples: int = 0,
-    constraints: str = "clip",
-    glucose_floor_mg_dl: float = 0.0,
-    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
+    constraints: str = MPCSESettings.constraints,
+    glucose_floor_mg_dl: float = MPCSESettings.glucose_floor_mg_dl,
+    floor_weight: float = MPCSESettings.floor_weight,
 ) -> MPCSE:
     """Controllers of many people, who trail, from their models and Kalman gains.
 
@@ -393,20 +431,4 @@ def mpc_se_of_people(
         basal_mU_min=basal_mU_min,
         basal_glucose_mg_dl=basal_glucose_mg_dl,
         sample_time_min=sample_time_min,
-    )
-
-
-def design(case: DesignCase, settings: MPCSESettings) -> MPCSE:
-    """MPC with state estimation, on the patient linearised at the operating point."""
-    case = case.behind_lag(settings.sensor_lag_min)
-    return design_mpc_se(
-        case.linearised(),
-        case.process_noise(*settings.process_noise),
-        settings,
-        case.limits,
-        measurement_variance=settings.measurement_variance,
-        offset_free=settings.offset_free,
-        dead_time_samples=case.dead_time_samples,
-        noise_pace=settings.noise_pace,
-        **settings.moves,
     )

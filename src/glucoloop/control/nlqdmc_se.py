@@ -10,20 +10,25 @@ import dataclasses
 import math
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import ONLY_READINGS, Need
+from glucoloop.component.setting import usual
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import or_suited, response_at_rest, suited
 from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
+from glucoloop.control.tuning import (
+    DEFAULT_FLOOR_WEIGHT,
+    FilterTuning,
+    FloorGlucose,
+    FloorWeight,
+    PredictionHorizon,
+    ReferenceFilter,
+    StateTuning,
+)
 from glucoloop.estimation import steady_state_gain
 from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pace, learned, no_error
 from glucoloop.estimation.riccati import is_covariance, next_covariance, triangle, whole
@@ -31,6 +36,34 @@ from glucoloop.models.nonlinear import NonlinearModel, own_reading, reading_of
 from glucoloop.models.state_space import ContinuousModel, LinearModel, discretise, halvings_of, linearise, step_response
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
+
+
+class NLQDMCSettings(FilterTuning, name="nlqdmc-se"):
+    """Predictive control on the nonlinear patient, linearised anew at each sample, with a Kalman filter."""
+
+    sources = ("parker1999", "gattu1992")
+    uses_model: ClassVar = False
+    tunable: ClassVar = True
+    reference_filters: ClassVar = ".3:.5:.1|.57|.7|.8"  # half as many, since its loops take longer
+
+    prediction_horizon: PredictionHorizon = usual(default=5, noisy=6)
+    reference_filter: ReferenceFilter = 0.57
+    glucose_floor_mg_dl: FloorGlucose = 0.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+
+    def designed(self, case: DesignCase) -> NLQDMC:
+        """NLQDMC with state estimation, on the equations of the patient."""
+        case = case.behind_lag(self.sensor_lag_min)
+        return design_nlqdmc_se(
+            case.nonlinear(),
+            case.process_noise(*self.process_noise),
+            self,
+            case.limits,
+            measurement_variance=self.measurement_variance,
+            dead_time_samples=case.dead_time_samples,
+            noise_pace=self.noise_pace,
+            **self.moves,
+        )
 
 
 @pytree
@@ -212,15 +245,15 @@ def _linearised(model: NonlinearModel, x: jax.Array, insulin_mU_min: jax.Array) 
 @on_host("it checks the covariance of the noise, number by number")
 def design_nlqdmc_se(
     model: NonlinearModel,
-    process_noise: ArrayLike,
+    process_noise: jax.typing.ArrayLike,
     tuning: StateTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    measurement_variance: float = 1.45,
+    measurement_variance: float = NLQDMCSettings.measurement_variance,
     dead_time_samples: int = 0,
-    glucose_floor_mg_dl: float = 0.0,
-    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
-    noise_pace: float = 0.0,
+    glucose_floor_mg_dl: float = NLQDMCSettings.glucose_floor_mg_dl,
+    floor_weight: float = NLQDMCSettings.floor_weight,
+    noise_pace: float = NLQDMCSettings.noise_pace,
 ) -> NLQDMC:
     """Predictive control on a nonlinear model that is linearised anew at each sample.
 
@@ -292,19 +325,4 @@ def design_nlqdmc_se(
         dead_time_samples=dead_time_samples,
         sample_time_min=model.sample_time_min,
         halvings=halvings_of(at_rest, model.sample_time_min),
-    )
-
-
-def design(case: DesignCase, settings: NLQDMCSettings) -> NLQDMC:
-    """NLQDMC with state estimation, on the equations of the patient."""
-    case = case.behind_lag(settings.sensor_lag_min)
-    return design_nlqdmc_se(
-        case.nonlinear(),
-        case.process_noise(*settings.process_noise),
-        settings,
-        case.limits,
-        measurement_variance=settings.measurement_variance,
-        dead_time_samples=case.dead_time_samples,
-        noise_pace=settings.noise_pace,
-        **settings.moves,
     )

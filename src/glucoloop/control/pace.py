@@ -5,14 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import Need
-from glucoloop.control.announcements import eaten_in_min
-from glucoloop.control.decision import is_known
+from glucoloop.control.decision import eaten_in_min, is_known
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import (
     Controller,
     Decision,
@@ -23,7 +21,6 @@ from glucoloop.control.protocol import (
     gives_boluses,
     uses_of,
 )
-from glucoloop.control.tuning import check_sample_time
 from glucoloop.refusal import Refusal
 
 

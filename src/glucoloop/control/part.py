@@ -1,31 +1,83 @@
-"""The declaration of a controller: what studies, designs and reports have to know of it without designing it."""
+"""The declaration of a controller: what studies, designs and reports have to know of it without designing it.
+
+A controller is one file with its declaration, a class of settings. It is the controller itself, with methods `init` and
+`step`, or its method `designed` makes one from models of the patient. Here is what declarations share.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from dataclasses import KW_ONLY
+from typing import Annotated, Any, ClassVar, Self
 
-from glucoloop.component.code import loaded
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.effects import (
     AHEAD,
     ANNOUNCEMENTS,
     BOLUSES,
     CHANCE,
+    DOSES_BY_PROFILE,
     INDIVIDUAL,
     PROFILE,
     READINGS,
     TIME_OF_DAY,
     Need,
 )
-from glucoloop.component.part import Part
+from glucoloop.component.pytree_component import DATA, HOST, STATIC, PytreeComponent, derived, wired
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.routes import ROUTES
-from glucoloop.unit_guess import ANY_SETTING
+from glucoloop.component.setting import About
+from glucoloop.control.design_case import DesignCase, check_rate, check_sample_time
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
+from glucoloop.refusal import Refusal
+from glucoloop.sensors.delay import LONGEST_LAG_MIN
+from glucoloop.therapy import Profile
+from glucoloop.unit_guess import ANY_SETTING, CARB_RATIO, CORRECTION, FITTED_STEP, LAG
 
 _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
 
 
-class ControllerPart(Part):
+SensorLag = Annotated[
+    float,
+    About(
+        "First-order lag of the sensor behind glucose that the estimator knows of, in minutes; 0: none.",
+        at_least=0.0,
+        at_most=LONGEST_LAG_MIN,
+        quantity=LAG,
+    ),
+]
+FittedStep = Annotated[
+    float,
+    About(
+        "Lasting step of insulin to which the first-order model is fitted, in mU/min; "
+        "0: 11.165, or half the basal rate where that is less.",
+        at_least=0.0,
+        quantity=FITTED_STEP,
+    ),
+]
+CarbRatio = Annotated[
+    float,
+    About(
+        "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
+        at_least=0.0,
+        quantity=CARB_RATIO,
+    ),
+]
+MealShare = Annotated[
+    float, About("Share of the bolus for an announced meal that is given; 0: none.", at_least=0.0, at_most=2.0)
+]
+CorrectionFactor = Annotated[
+    float,
+    About(
+        "Fall of glucose by 1 U, in mg/dl; 0: of the person's profile, or 1800 over the total daily dose.",
+        at_least=0.0,
+        quantity=CORRECTION,
+    ),
+]
+
+
+class ControllerPart(PytreeComponent):
     """Declaration of a controller.
 
     A controller joins every command by one class, entered in `control.catalogue.CONTROLLERS` or by the entry point of
@@ -39,9 +91,6 @@ class ControllerPart(Part):
 
     kind: ClassVar = "controller"
     any_number: ClassVar = ANY_SETTING
-    design: ClassVar[str] = ""
-    """Place ``module:function`` of the design. The function is called with a `control.design_case.DesignCase`, and with
-    the part if it has settings, and returns a controller. A class that overrides `designed` needs none."""
     uses_model: ClassVar[bool] = True
     """Whether it is designed on an identified model; if not, none is identified for it."""
     individual: ClassVar[str | None] = "glucoloop.build.individual:one_by_one"
@@ -65,7 +114,7 @@ class ControllerPart(Part):
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
-        for place in filter(None, (cls.design, cls.individual)):
+        for place in filter(None, (cls.individual,)):
             if not all(place.partition(":")):
                 raise TypeError(f"{place!r} of the controller {cls.name} is no place; write it like module:function")
         if cls.tunable and not hasattr(cls, "move_horizon"):
@@ -87,6 +136,82 @@ class ControllerPart(Part):
         return self.used | boluses | (frozenset() if self.individual is None else frozenset({INDIVIDUAL}))
 
     def designed(self, case: Any) -> Any:
-        """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX."""
-        designer = loaded(self.design)
-        return designer(case, self) if self.settings() else designer(case)
+        """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX.
+
+        By default it is the declaration itself, with the facts of the case that it has fields for.
+        """
+        return self.made(
+            limits=case.limits, bolus=case.bolus, profile=case.profile, sample_time_min=case.sample_time_min
+        )
+
+
+class ByProfile(ControllerPart):
+    """Declaration of a controller that doses by the profile of a person and gives boluses."""
+
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.build.individual:by_profile"
+    gives_boluses: ClassVar = True
+    used: ClassVar = DOSES_BY_PROFILE
+
+
+class OfPerson(ByProfile):
+    """A controller by profile that is its own declaration: it is connected to a person and to a pump."""
+
+    _: KW_ONLY
+    profile: Profile | None = wired(HOST, default=None)
+    limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
+    bolus: BolusLimits = wired(DATA, default=DEFAULT_BOLUS_LIMITS)
+    sample_time_min: float = wired(STATIC, default=5.0)
+
+    def of_person(
+        self,
+        profile: Profile,
+        limits: DoseLimits = PARKER_1999_LIMITS,
+        *,
+        bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
+        sample_time_min: float = 5.0,
+    ) -> Self:
+        """The controller for a person and a pump.
+
+        Parameters
+        ----------
+        profile : Profile
+            The person's basal rate, and what else is known; what is not follows from the basal rate.
+        limits : DoseLimits
+            Limits of the basal rate.
+        bolus : BolusLimits
+            Limits of the pump; no larger bolus is asked for.
+
+        Raises
+        ------
+        ValueError
+            For a basal rate outside the limits, or a sample time that is not possible.
+        """
+        check_sample_time(sample_time_min)
+        check_rate("basal", profile.basal_mU_min, limits)
+        controller: Self = self.made(profile=profile, limits=limits, bolus=bolus, sample_time_min=sample_time_min)
+        return controller
+
+    def designed(self, case: DesignCase) -> Self:
+        """The controller for the person of a case."""
+        return self.of_person(case.profile, case.limits, bolus=case.bolus, sample_time_min=case.sample_time_min)
+
+    def with_profile(self, profile: Profile) -> Self:
+        """The same controller for a person with the given profile; settings that were given stay as they are."""
+        basal = jnp.asarray(profile.basal_mU_min)
+        return self.made(profile=dataclasses.replace(profile, basal_mU_min=basal))  # type: ignore[no-any-return]
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> Self:
+        """The same controller for a person of whom the basal rate alone is known."""
+        return self.with_profile(Profile(basal_mU_min=insulin_mU_min, setpoint_mg_dl=jnp.nan))
+
+    @derived
+    def basal_mU_min(self) -> Any:
+        """The person's basal rate."""
+        return self._person.basal_mU_min
+
+    @property
+    def _person(self) -> Profile:
+        if self.profile is None:
+            raise Refusal(f"the controller {self.name} doses by the profile of a person; give it one with of_person")
+        return self.profile

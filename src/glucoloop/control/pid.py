@@ -9,21 +9,51 @@ Dev. 25(1), 1986.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.effects import ONLY_READINGS, Need
+from glucoloop.component.setting import About
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.design_case import DesignCase
+from glucoloop.control.design_case import DesignCase, check_gain, check_number, check_sample_time
+from glucoloop.control.part import ControllerPart, FittedStep
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import PIDSettings
-from glucoloop.control.tuning import check_gain, check_number, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import PID_GAIN
+
+
+class PIDSettings(ControllerPart, name="pid"):
+    """PID whose integral never winds up, tuned on a first-order model with dead time."""
+
+    sources = ("rivera1986", "astrom1989")
+    used: ClassVar = ONLY_READINGS
+    uses_model: ClassVar = False
+
+    closed_loop_min: Annotated[float, About("Desired time constant of the loop, in minutes.", above=0.0)] = 30.0
+    gain: Annotated[
+        float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0, quantity=PID_GAIN)
+    ] = 0.0
+    integral_time_min: Annotated[float, About("Integral time T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
+    derivative_time_min: Annotated[
+        float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)
+    ] = -1.0
+    step_mU_min: FittedStep = 0.0
+
+    def designed(self, case: DesignCase) -> PID:
+        """PID; what is not given comes from a first-order model of the patient, a known dead time included."""
+        model = case.first_order(self.step_mU_min or None)
+        delay_min = float(model.delay_min) + case.dead_time_samples * case.sample_time_min
+        fitted = internal_model_tuning(float(model.gain), float(model.tau_min), delay_min, self.closed_loop_min)
+        derivative_time_min = self.derivative_time_min
+        tuning = PIDTuning(
+            gain_mU_min_per_mg_dl=self.gain or fitted.gain_mU_min_per_mg_dl,
+            integral_time_min=self.integral_time_min or fitted.integral_time_min,
+            derivative_time_min=fitted.derivative_time_min if derivative_time_min == -1.0 else derivative_time_min,
+        )
+        return design_pid(tuning, case.limits, sample_time_min=case.sample_time_min)
 
 
 @checked
@@ -220,17 +250,3 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
         limits=limits,
         sample_time_min=sample_time_min,
     )
-
-
-def design(case: DesignCase, settings: PIDSettings) -> PID:
-    """PID; what is not given comes from a first-order model of the patient, a known dead time included."""
-    model = case.first_order(settings.step_mU_min or None)
-    delay_min = float(model.delay_min) + case.dead_time_samples * case.sample_time_min
-    fitted = internal_model_tuning(float(model.gain), float(model.tau_min), delay_min, settings.closed_loop_min)
-    derivative_time_min = settings.derivative_time_min
-    tuning = PIDTuning(
-        gain_mU_min_per_mg_dl=settings.gain or fitted.gain_mU_min_per_mg_dl,
-        integral_time_min=settings.integral_time_min or fitted.integral_time_min,
-        derivative_time_min=fitted.derivative_time_min if derivative_time_min == -1.0 else derivative_time_min,
-    )
-    return design_pid(tuning, case.limits, sample_time_min=case.sample_time_min)

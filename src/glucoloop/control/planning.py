@@ -9,14 +9,10 @@ import dataclasses
 import math
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
-from glucoloop.control.settings import MPCTuning
+from glucoloop.control.tuning import MPCTuning
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.qp.moves_qp import minimise_moves
 from glucoloop.qp.soft_floor import minimise_moves_above_floor
@@ -151,7 +147,7 @@ class MovePlan:
 
 
 def plan_moves(
-    step_response: ArrayLike,
+    step_response: jax.typing.ArrayLike,
     tuning: MPCTuning,
     limits: DoseLimits,
     constraints: str,
@@ -180,13 +176,13 @@ def plan_moves(
 
 
 def plans_of_people(
-    step_response: ArrayLike,
+    step_response: jax.typing.ArrayLike,
     tuning: MPCTuning,
     limits: DoseLimits,
     constraints: str,
     floor: GlucoseFloor | None = None,
     *,
-    hidden: ArrayLike = False,
+    hidden: jax.typing.ArrayLike = False,
 ) -> MovePlan:
     """Plans of many people, who trail; arguments are those of `plan_moves`.
 

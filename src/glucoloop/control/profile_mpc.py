@@ -11,18 +11,24 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
-from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
-from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
+from glucoloop.component.setting import About
+from glucoloop.control.decision import (
+    MealsToCome,
+    decide,
+    delivered_since,
+    hear,
+    is_known,
+    is_of_a_person,
+    no_meals_to_come,
+    rate_at_start,
+)
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.profile_settings import ProfileMPCSettings
+from glucoloop.control.part import ByProfile, SensorLag
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.estimation.fed_filter import SAMPLE_MIN, FedEstimate, FedFilter
 from glucoloop.estimation.noise_level import CORRELATION
@@ -32,6 +38,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import BolusLimits, DoseLimits
 from glucoloop.qp.bounded_rates import OneSided, minimise_rates
 from glucoloop.therapy import Profile
+from glucoloop.unit_guess import GLUCOSE_BOUND
 from glucoloop.units import MG_PER_G
 
 _BLOCK_ENDS_MIN: Final = (15.0, 30.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
@@ -44,6 +51,108 @@ _MAX_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
 _MIN_VARIANCE: Final = 0.25
 """(mg/dl)^2 that the filter expects of readings without noise."""
+
+
+class ProfileMPCSettings(ByProfile, name="profile-mpc"):
+    """Predictive control by the profile of a person, with boluses for announced meals; for insulin under the skin."""
+
+    sources = ("hovorka2004", "boiroux2018", "diehl2005")
+    slow: ClassVar = True
+
+    straight_beyond_mg_dl: Annotated[
+        float, About("Distance above the target beyond which the cost grows no faster, in mg/dl.", above=0.0)
+    ] = 5.0
+    low_weight: Annotated[
+        float, About("Cost of expected glucose below the target, as a multiple of that above it.", above=0.0)
+    ] = 50.0
+    glucose_floor_mg_dl: Annotated[
+        float,
+        About("Floor under the cautious forecast, in mg/dl, at most the target.", above=0.0, quantity=GLUCOSE_BOUND),
+    ] = 90.0
+    floor_weight: Annotated[
+        float,
+        About("Cost of the cautious forecast below the floor, as a multiple of that above the target.", at_least=0.0),
+    ] = 20.0
+    doubt: Annotated[
+        float,
+        About(
+            "Standard deviations by which the cautious forecast takes the content of the gut to be less.", at_least=0.0
+        ),
+    ] = 1.0
+    disturbance_doubt: Annotated[
+        float,
+        About(
+            "Share of the appearance of glucose that no meal explains which the cautious forecast leaves out.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 0.5
+    move_weight: Annotated[
+        float, About("Weight on planned rates away from the basal rate, as multiples of it.", at_least=0.0)
+    ] = 45.0
+    bolus_weight: Annotated[
+        float,
+        About(
+            "Weight on the rate of the coming sample away from the basal rate, unless a meal is announced.",
+            at_least=0.0,
+        ),
+    ] = 7.0
+    automatic_boluses: Annotated[
+        bool,
+        About(
+            "Whether insulin that is wanted at once is a bolus at any time, or with announced meals alone: true or "
+            "false."
+        ),
+    ] = True
+    gut_min: Annotated[
+        float,
+        About("Longest time from eating to the largest appearance of glucose that is believed, in minutes.", above=0.0),
+    ] = 36.0
+    gut_error_pct: Annotated[
+        float,
+        About(
+            "Standard deviation of people's own times, which are learned from their meals, in percent; 0: gut_min is "
+            "everybody's.",
+            at_least=0.0,
+        ),
+    ] = 25.0
+    counting_error_pct: Annotated[
+        float, About("Standard deviation of the error of announced carbohydrate, in percent.", at_least=0.0)
+    ] = 30.0
+    meal_noise_g: Annotated[
+        float, About("Standard deviation of the carbohydrate that is eaten unannounced in 5 min.", at_least=0.0)
+    ] = 6.0
+    disturbance_noise_mg_min: Annotated[
+        float, About("Standard deviation of the change in 5 min of the appearance that no meal explains.", at_least=0.0)
+    ] = 10.0
+    disturbance_min: Annotated[
+        float, About("Time constant with which the appearance that no meal explains fades.", above=0.0)
+    ] = 60.0
+    glucose_noise_mg_min: Annotated[
+        float, About("Standard deviation of a part of that appearance which is new at each sample.", at_least=0.0)
+    ] = 10.0
+    measurement_variance: Annotated[
+        float,
+        About("Variance of white noise of a reading, R; 0: that of the sensor, at least 0.25.", at_least=0.0),
+    ] = 0.0
+    sensor_error_mg_dl: Annotated[
+        float, About("Standard deviation of a correlated error of the sensor; 0: none.", at_least=0.0)
+    ] = 9.0
+    sensor_lag_min: SensorLag = 10.0
+
+    def designed(self, case: DesignCase) -> ProfileMPC:
+        """Predictive controller of the catalogue, on the equations of the patient, for a patient's profile."""
+        case = case.behind_lag(self.sensor_lag_min)
+        return design_profile_mpc(
+            case.nonlinear(),
+            case.linearised(),
+            case.profile,
+            self,
+            case.limits,
+            case.bolus,
+            nominal_weight_kg=case.profile.weight_kg,
+            noise_variance=case.noise_variance,
+        )
 
 
 @pytree
@@ -377,19 +486,4 @@ def design_profile_mpc(
         limits=limits,
         bolus=bolus,
         sample_time_min=sample,
-    )
-
-
-def design(case: DesignCase, settings: ProfileMPCSettings) -> ProfileMPC:
-    """Predictive controller of the catalogue, on the equations of the patient, for a patient's profile."""
-    case = case.behind_lag(settings.sensor_lag_min)
-    return design_profile_mpc(
-        case.nonlinear(),
-        case.linearised(),
-        case.profile,
-        settings,
-        case.limits,
-        case.bolus,
-        nominal_weight_kg=case.profile.weight_kg,
-        noise_variance=case.noise_variance,
     )

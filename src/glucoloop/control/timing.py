@@ -12,10 +12,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jnp
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_sample_time
 from glucoloop.refusal import Refusal
 
 CLOCK_ERROR_MIN: Final = 0.5

@@ -1,4 +1,4 @@
-"""The tunings of Parker, Doyle and Peppas (1999), the choices that the paper leaves open, and checks of all designs.
+"""Tuning of predictive controllers, and the tunings of Parker, Doyle and Peppas (1999).
 
 Horizons, weights and reference filters are printed in the captions of Fig. 4 and 5 and in Sec. IV to VI. The
 entries of the process noise are not legible: the paper says that those of the glucose and glucagon states are raised
@@ -7,74 +7,133 @@ without noise and that all are below 1 with it. The values here are our reading,
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
-import numpy as np
-from jax.typing import ArrayLike
-
-from glucoloop.arguments import ArgumentTypeError, is_traced
-from glucoloop.control.settings import MPCTuning, StateTuning
-from glucoloop.pumps.limits import DoseLimits
+from glucoloop._lazy_jax import np
+from glucoloop.component.effects import ONLY_READINGS
+from glucoloop.component.setting import About, usual
+from glucoloop.control.part import ControllerPart, SensorLag
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import GLUCOSE_BOUND
+
+LONGEST_MOVE_HORIZON: Final = 50
+LONGEST_PREDICTION_HORIZON: Final = 288
+
+PredictionHorizon = Annotated[
+    int,
+    About(
+        "Predicted samples, p; a known dead time is added to them. 0: enough to see 30 % of the gain of the model.",
+        at_least=0,
+        at_most=LONGEST_PREDICTION_HORIZON,
+    ),
+]
+OutputWeight = Annotated[float, About("Weight on the error of glucose, Γ_y.", above=0.0)]
+MoveWeight = Annotated[float, About("Weight on each move of insulin, Γ_u.", at_least=0.0)]
+ReferenceFilter = Annotated[
+    float, About("Filter of the reference, φ_r; closer to 1 is slower.", at_least=0.0, below=1.0)
+]
+Constraints = Annotated[
+    Literal["clip", "qp"],
+    About("clip: the closed form, clipped as in the paper; qp: the best moves within the pump's limits."),
+]
+FloorGlucose = Annotated[
+    float,
+    About(
+        "Soft floor under predicted glucose, in mg/dl; 0 for none. It implies the moves of qp.",
+        at_least=0.0,
+        quantity=GLUCOSE_BOUND,
+    ),
+]
+FloorWeight = Annotated[float, About("Weight on the violation of the floor, w.", above=0.0)]
+MeasurementVariance = Annotated[float, About("Variance of a reading that the filter assumes, R.", above=0.0)]
+NoisePace = Annotated[
+    float,
+    About(
+        "Pace at which the size of a correlated error of the sensor is learned, in mg/dl per innovation; "
+        "0: the noise is as told.",
+        at_least=0.0,
+        at_most=1.0,
+    ),
+]
+DEFAULT_FLOOR_WEIGHT: Final = 10.0
 
 
-def check_sample_time(sample_time_min: float) -> None:
-    """Refuse a sample time that is not positive and finite, or not known yet."""
-    if is_traced(sample_time_min):
-        raise ArgumentTypeError(
-            "sample_time_min is traced by JAX, but it decides how many samples there are; give a plain number, "
-            "or make it a static field: equinox.field(static=True)"
-        )
-    if not 0.0 < sample_time_min < math.inf:
-        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+class MPCTuning(ControllerPart):
+    """Horizons and weights of a predictive controller."""
+
+    used: ClassVar = ONLY_READINGS
+
+    move_horizon: Annotated[int, About("Number of planned moves, m.", at_least=1, at_most=LONGEST_MOVE_HORIZON)] = 2
+    prediction_horizon: PredictionHorizon = usual(default=8, noisy=10)
+    output_weight: OutputWeight = usual(default=1.0, noisy=3.0)
+    move_weight: MoveWeight = usual(default=0.0, noisy=1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0 < self.prediction_horizon < self.move_horizon:
+            raise Refusal(
+                f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
+                f"{self.move_horizon}; give a whole number from {self.move_horizon} to {LONGEST_PREDICTION_HORIZON}"
+            )
+
+    def longer(self, samples: int) -> Self:
+        """The same tuning with a longer prediction horizon, as for a known dead time."""
+        longer = self.prediction_horizon and self.prediction_horizon + samples  # 0 is chosen by a model that has it
+        return dataclasses.replace(self, prediction_horizon=longer)
+
+    @property
+    def moves(self) -> dict[str, Any]:
+        """Arguments of design functions for the computation of the moves."""
+        names = ("constraints", "glucose_floor_mg_dl", "floor_weight")
+        return {name: getattr(self, name) for name in names if hasattr(self, name)}
 
 
-def check_number(called: str, value: Any, unit: str = "", *, at_least: float | None = None) -> None:
-    """Refuse a number that is not finite, or not above 0, or less than the least; None and what JAX traces pass."""
-    if value is None or is_traced(value):
-        return
-    if not (math.isfinite(value) and (value > 0.0 if at_least is None else value >= at_least)):
-        bound = "above 0" if at_least is None else f"of {at_least:g} or more"
-        article = "an" if called[0] in "aeio" else "a"
-        raise Refusal(
-            f"{article} {called} of {value:g}{unit and ' '}{unit} is not possible; give a finite value {bound}"
-        )
+class StateTuning(MPCTuning):
+    """Tuning of the controllers that estimate the state: the horizons and weights, and a reference filter.
 
-
-def check_rate(called: str, insulin_mU_min: float, limits: DoseLimits) -> None:
-    """Refuse a constant rate that a pump cannot deliver; one that JAX traces passes."""
-    if is_traced(insulin_mU_min, limits):
-        return
-    if not (math.isfinite(insulin_mU_min) and limits.min_mU_min <= insulin_mU_min <= limits.max_mU_min):
-        raise Refusal(
-            f"a {called} rate of {insulin_mU_min:g} mU/min is not possible; "
-            f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
-        )
-
-
-def check_gain(gain: ArrayLike) -> None:
-    """Refuse a model in which insulin raises glucose, since its controller would give more insulin at low glucose.
-
-    A gain that JAX traces has no value yet, and passes.
+    The reference goes from the estimated glucose to the setpoint as ``phi_r^(i-s)`` for the sample i ahead.
     """
-    if not is_traced(gain) and not -math.inf < float(np.asarray(gain)) < 0.0:
-        raise Refusal(
-            f"a gain of {float(np.asarray(gain)):g} mg/dl per mU/min is not possible; insulin lowers glucose, so the "
-            "gain of a model is below 0. Check the sign, or identify the model again from a record in which insulin "
-            "changes more"
-        )
+
+    reference_filter: ReferenceFilter = 0.65
+    reference_start: Annotated[
+        int, About("1: the reference starts to move at the next sample; 0: at this one.", at_least=0, at_most=1)
+    ] = 1
+
+    def reference(self) -> Any:
+        """Factors ``phi_r^(i-s)`` of the reference for i = 1 .. p, an array ``(p,)``."""
+        ahead = np.arange(1, self.prediction_horizon + 1) - self.reference_start
+        return np.asarray(self.reference_filter**ahead, np.float64)
+
+
+class FilterTuning(StateTuning):
+    """Tuning of a controller with a Kalman filter."""
+
+    output_weight: OutputWeight = 1.0
+    glucose_process_noise: Annotated[float, About("Process noise of each glucose state, in Q.", at_least=0.0)] = usual(
+        default=30.0, noisy=0.9
+    )
+    other_process_noise: Annotated[
+        float, About("Process noise of each insulin state and slow insulin effect.", at_least=0.0)
+    ] = usual(default=0.1, noisy=0.01)
+    glucagon_process_noise: Annotated[float, About("Process noise of glucagon and its slow effect.", at_least=0.0)] = (
+        usual(default=10.0, noisy=0.005)
+    )
+    measurement_variance: MeasurementVariance = 1.45
+    noise_pace: NoisePace = 0.0
+    sensor_lag_min: SensorLag = 0.0
+
+    @property
+    def process_noise(self) -> tuple[float, float, float]:
+        """Variances of glucose, of insulin and slow effects, and of glucagon, for `DesignCase.process_noise`."""
+        return self.glucose_process_noise, self.other_process_noise, self.glucagon_process_noise
 
 
 NOISE_FREE: Final = MPCTuning(move_horizon=2, prediction_horizon=8, output_weight=1.0, move_weight=0.0)
 """Tuning of Sec. IV with the least sum of squared errors without noise."""
 NOISY: Final = MPCTuning(move_horizon=2, prediction_horizon=10, output_weight=3.0, move_weight=1.0)
 """Tuning of Sec. IV for noise of variance 1.45."""
-IMC_FILTER_MIN: Final = 1.0
-IMC_DELAY_MIN: Final = 5.0
-IMC_STEP_MU_MIN: Final = 11.165
-"""Half the nominal rate: the step on which the first-order model is fitted."""
 
 
 @dataclass(frozen=True)

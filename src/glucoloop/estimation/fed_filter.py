@@ -21,10 +21,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.models.profiled import GutCompartments, ProfiledModel, Step
 from glucoloop.units import MG_PER_G

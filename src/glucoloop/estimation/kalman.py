@@ -14,13 +14,7 @@ Reference: B. D. O. Anderson and J. B. Moore, Optimal Filtering, Prentice-Hall, 
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-import numpy as np
-import scipy.linalg  # type: ignore[import-untyped, unused-ignore]
-from jax import Array
-from jax.typing import ArrayLike
-from numpy.typing import NDArray
-
+from glucoloop._lazy_jax import jax, jnp, np, npt, scipy
 from glucoloop._pytree import pytree
 from glucoloop.refusal import Refusal
 
@@ -29,13 +23,13 @@ from glucoloop.refusal import Refusal
 class SteadyStateFilter:
     """Answer of `steady_state_gain`."""
 
-    gain: Array
+    gain: jax.Array
     """Filter-form gain K; a vector where `C` was one. Shape ``(n,)`` or ``(n, p)``."""
-    prediction_covariance: Array
+    prediction_covariance: jax.Array
     """Covariance of ``x(k) - x(k|k-1)``, ``(n, n)``."""
-    filtered_covariance: Array
+    filtered_covariance: jax.Array
     """Covariance of ``x(k) - x(k|k)``, ``(n, n)``."""
-    innovation_covariance: Array
+    innovation_covariance: jax.Array
     """Covariance of ``y(k) - C x(k|k-1)``, ``()`` or ``(p, p)``."""
 
 
@@ -43,9 +37,9 @@ class SteadyStateFilter:
 class KalmanState:
     """An estimate and its uncertainty."""
 
-    mean: Array
+    mean: jax.Array
     """Estimated state, ``(n,)`` or ``(n, B)``."""
-    covariance: Array
+    covariance: jax.Array
     """Covariance of its error, ``(n, n)`` or ``(n, n, B)``."""
 
 
@@ -53,18 +47,20 @@ class KalmanState:
 class Innovation:
     """Information that a reading gave the filter."""
 
-    error: Array
+    error: jax.Array
     """Reading less predicted output; zero where the reading was not valid."""
-    variance: Array
+    variance: jax.Array
     """Variance of the error, ``C P C' + R``."""
-    gain: Array
+    gain: jax.Array
     """Filter-form gain that was applied; zero where the reading was not valid. Shape ``(n,)`` or ``(n, B)``."""
 
 
 # Design ---------------------------------------------------------------------------------------------------------------
 
 
-def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) -> SteadyStateFilter:
+def steady_state_gain(
+    Phi: jax.typing.ArrayLike, C: jax.typing.ArrayLike, Q: jax.typing.ArrayLike, R: jax.typing.ArrayLike
+) -> SteadyStateFilter:
     """Design the steady Kalman filter, in filter form.
 
     The prediction covariance is the stabilising solution of the Riccati equation
@@ -150,14 +146,14 @@ def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) 
     )
 
 
-def _finite_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def _finite_array(name: str, value: jax.typing.ArrayLike) -> npt.NDArray[np.float64]:
     array = np.asarray(value, dtype=np.float64)
     if not np.isfinite(array).all():
         raise Refusal(f"{name} must be finite, but it holds {array[~np.isfinite(array)].ravel()[0]}.")
     return array
 
 
-def _symmetric(name: str, matrix: NDArray[np.float64]) -> None:
+def _symmetric(name: str, matrix: npt.NDArray[np.float64]) -> None:
     skew = float(np.abs(matrix - matrix.T).max())
     if skew > 1e-10 * max(float(np.abs(matrix).max()), 1e-300):
         raise Refusal(f"{name} must be symmetric, but it differs from its transpose by {skew:.3g}.")
@@ -166,19 +162,19 @@ def _symmetric(name: str, matrix: NDArray[np.float64]) -> None:
 # At every sample ------------------------------------------------------------------------------------------------------
 
 
-def _propagate(Phi: Array, P: Array, Q: Array) -> Array:
+def _propagate(Phi: jax.Array, P: jax.Array, Q: jax.Array) -> jax.Array:
     """``Phi P Phi' + Q``, symmetric to the last bit."""
     half = jnp.einsum("ij...,jk...->ik...", Phi, P)
     full = jnp.einsum("ik...,jk...->ij...", half, Phi)
     return 0.5 * (full + jnp.swapaxes(full, 0, 1)) + _people(Q, full)
 
 
-def _people(a: Array, like: Array) -> Array:
+def _people(a: jax.Array, like: jax.Array) -> jax.Array:
     """Give an array without people the people axis of another."""
     return a[..., None] if a.ndim < like.ndim else a
 
 
-def _correct(P: Array, C: Array, R: Array) -> tuple[Array, Array, Array]:
+def _correct(P: jax.Array, C: jax.Array, R: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Covariance after a reading, the gain, and the innovation variance."""
     seen = jnp.einsum("ij...,j...->i...", P, C)
     variance = jnp.einsum("i...,i...->...", _people(C, seen), seen) + R
@@ -191,7 +187,9 @@ def _correct(P: Array, C: Array, R: Array) -> tuple[Array, Array, Array]:
     return 0.5 * (joseph + jnp.swapaxes(joseph, 0, 1)), gain, variance
 
 
-def predict(state: KalmanState, Phi: ArrayLike, Q: ArrayLike, forcing: ArrayLike = 0.0) -> KalmanState:
+def predict(
+    state: KalmanState, Phi: jax.typing.ArrayLike, Q: jax.typing.ArrayLike, forcing: jax.typing.ArrayLike = 0.0
+) -> KalmanState:
     """Carry an estimate over one sample: ``Phi x + forcing`` and ``Phi P Phi' + Q``.
 
     Parameters
@@ -214,7 +212,11 @@ def predict(state: KalmanState, Phi: ArrayLike, Q: ArrayLike, forcing: ArrayLike
 
 
 def update(
-    state: KalmanState, reading: ArrayLike, C: ArrayLike, R: ArrayLike, valid: ArrayLike = True
+    state: KalmanState,
+    reading: jax.typing.ArrayLike,
+    C: jax.typing.ArrayLike,
+    R: jax.typing.ArrayLike,
+    valid: jax.typing.ArrayLike = True,
 ) -> tuple[KalmanState, Innovation]:
     """Correct a prediction by a reading, and tell the innovation.
 
@@ -248,14 +250,14 @@ def update(
 
 def kalman_step(
     state: KalmanState,
-    reading: ArrayLike,
-    Phi: ArrayLike,
-    C: ArrayLike,
-    Q: ArrayLike,
-    R: ArrayLike,
+    reading: jax.typing.ArrayLike,
+    Phi: jax.typing.ArrayLike,
+    C: jax.typing.ArrayLike,
+    Q: jax.typing.ArrayLike,
+    R: jax.typing.ArrayLike,
     *,
-    forcing: ArrayLike = 0.0,
-    valid: ArrayLike = True,
+    forcing: jax.typing.ArrayLike = 0.0,
+    valid: jax.typing.ArrayLike = True,
 ) -> tuple[KalmanState, Innovation]:
     """One sample of the time-varying filter: `predict` with the input applied since the last reading, then `update`.
 
@@ -264,7 +266,13 @@ def kalman_step(
     return update(predict(state, Phi, Q, forcing), reading, C, R, valid)
 
 
-def riccati_step(P: ArrayLike, Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Array:
+def riccati_step(
+    P: jax.typing.ArrayLike,
+    Phi: jax.typing.ArrayLike,
+    C: jax.typing.ArrayLike,
+    Q: jax.typing.ArrayLike,
+    R: jax.typing.ArrayLike,
+) -> jax.Array:
     """Prediction covariance one sample on: ``Phi (P - P C' (C P C' + R)^-1 C P) Phi' + Q``, symmetric.
 
     The shapes are those of `predict` and `update`.
@@ -273,7 +281,7 @@ def riccati_step(P: ArrayLike, Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Ar
     return _propagate(jnp.asarray(Phi), filtered, jnp.asarray(Q))
 
 
-def filter_gain(P: ArrayLike, C: ArrayLike, R: ArrayLike) -> Array:
+def filter_gain(P: jax.typing.ArrayLike, C: jax.typing.ArrayLike, R: jax.typing.ArrayLike) -> jax.Array:
     """Filter-form gain ``P C' / (C P C' + R)`` that belongs to a prediction covariance.
 
     The shapes are those of `predict` and `update`.

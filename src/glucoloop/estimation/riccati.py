@@ -10,9 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
+from glucoloop._lazy_jax import jax, jnp, np
 
 RICCATI_STEPS: Final = 4
 """Steps of the Riccati equation at each sample."""

@@ -9,15 +9,14 @@ Riccati equations, Int. J. Control 77(8), 2004, 767-788.
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
-from jax import Array
-from jax.typing import ArrayLike
+import functools
+from typing import Any, TypeAlias
 
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.refusal import Refusal
 
 
-def solved(matrix: Array, right: Array) -> Array:
+def solved(matrix: jax.Array, right: jax.Array) -> jax.Array:
     """Solution ``(n, m)`` of ``matrix x = right``, with a matrix ``(n, n)`` of full rank, by elimination.
 
     It can be differentiated in both directions, and mapped over people: on a processor of one after another. LAPACK's
@@ -27,7 +26,7 @@ def solved(matrix: Array, right: Array) -> Array:
     triangular systems of 19 equations and 38 right sides each. A call for a single matrix is never shared out. Other
     devices solve for all people at once.
     """
-    solution: Array = jax.lax.custom_linear_solve(
+    solution: jax.Array = jax.lax.custom_linear_solve(
         lambda x: matrix @ x,
         right,
         solve=lambda _, given: _eliminated(matrix, given),
@@ -36,22 +35,31 @@ def solved(matrix: Array, right: Array) -> Array:
     return solution
 
 
-def _with_rows_exchanged(matrix: Array, right: Array) -> Array:
+def _with_rows_exchanged(matrix: jax.Array, right: jax.Array) -> jax.Array:
     """Solution with the rows exchanged directly: `jnp.linalg.solve` transposes them twice."""
     factors, _, order = jax.lax.linalg.lu(matrix)
     below = jax.lax.linalg.triangular_solve(factors, right[order], left_side=True, lower=True, unit_diagonal=True)
     return jax.lax.linalg.triangular_solve(factors, below, left_side=True)
 
 
-_eliminated = jax.custom_batching.custom_vmap(_with_rows_exchanged)
+@functools.cache
+def _elimination() -> Any:
+    """Function `_with_rows_exchanged` with a rule for people."""
+    eliminated = jax.custom_batching.custom_vmap(_with_rows_exchanged)
+    eliminated.def_vmap(_of_people)
+    return eliminated
 
 
-@_eliminated.def_vmap
-def _of_people(size: int, mapped: list[bool], matrix: Array, right: Array) -> tuple[Array, bool]:
+def _eliminated(matrix: jax.Array, right: jax.Array) -> jax.Array:
+    solution: jax.Array = _elimination()(matrix, right)
+    return solution
+
+
+def _of_people(size: int, mapped: list[bool], matrix: jax.Array, right: jax.Array) -> tuple[jax.Array, bool]:
     of_matrix, of_right = mapped
 
-    def one_after_another(matrix: Array, right: Array) -> Array:
-        solutions: Array
+    def one_after_another(matrix: jax.Array, right: jax.Array) -> jax.Array:
+        solutions: jax.Array
         if not of_right:
             solutions = jax.lax.map(lambda each: _eliminated(each, right), matrix)
         elif not of_matrix:
@@ -60,15 +68,22 @@ def _of_people(size: int, mapped: list[bool], matrix: Array, right: Array) -> tu
             solutions = jax.lax.map(lambda each: _eliminated(*each), (matrix, right))
         return solutions
 
-    def at_once(matrix: Array, right: Array) -> Array:
+    def at_once(matrix: jax.Array, right: jax.Array) -> jax.Array:
         axes = tuple(0 if each else None for each in mapped)
-        solutions: Array = jax.vmap(_with_rows_exchanged, in_axes=axes)(matrix, right)
+        solutions: jax.Array = jax.vmap(_with_rows_exchanged, in_axes=axes)(matrix, right)
         return solutions
 
     return jax.lax.platform_dependent(matrix, right, cpu=one_after_another, default=at_once), True
 
 
-def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, *, doublings: int = 10) -> Array:
+def steady_state_covariance(
+    Phi: jax.typing.ArrayLike,
+    C: jax.typing.ArrayLike,
+    Q: jax.typing.ArrayLike,
+    R: jax.typing.ArrayLike,
+    *,
+    doublings: int = 10,
+) -> jax.Array:
     """Steady prediction covariance by the structured doubling algorithm, traceable by JAX.
 
     Parameters
@@ -107,7 +122,7 @@ def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Array
         raise Refusal(f"At least 1 doubling is needed, but {doublings} were asked for.")
     given = [(jnp.asarray(array), rank) for array, rank in ((Phi, 2), (C, 1), (Q, 2), (R, 0))]
 
-    def of_one(Phi: Array, C: Array, Q: Array, R: Array) -> Array:
+    def of_one(Phi: jax.Array, C: jax.Array, Q: jax.Array, R: jax.Array) -> jax.Array:
         return _last_covariance(_doubled(Phi.T, C, Q, R, doublings - 1))
 
     if all(array.ndim == rank for array, rank in given):
@@ -116,11 +131,11 @@ def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Array
     return jax.vmap(of_one, in_axes=axes, out_axes=-1)(*(array for array, _ in given))
 
 
-_Doubled = tuple[Array, Array, Array]
+_Doubled: TypeAlias = "tuple[jax.Array, jax.Array, jax.Array]"
 """``Phi'`` of the closed loop, ``g`` and the covariance ``h``, after some number of steps."""
 
 
-def _doubled(a: Array, row: Array, h: Array, variance: Array, doublings: int) -> _Doubled:
+def _doubled(a: jax.Array, row: jax.Array, h: jax.Array, variance: jax.Array, doublings: int) -> _Doubled:
     """Result of up to 2^doublings steps from zero, where ``a`` is ``Phi'`` and ``h`` is Q.
 
     ``g`` begins as ``C' C / R``. While its rank is small it is kept as ``u s^-1 u'``, of which each doubling makes u
@@ -139,7 +154,7 @@ def _doubled(a: Array, row: Array, h: Array, variance: Array, doublings: int) ->
         a, done = a @ ahead, done + 1
     g = u @ solved(s, u.T)
 
-    def double(carry: _Doubled) -> tuple[_Doubled, Array]:
+    def double(carry: _Doubled) -> tuple[_Doubled, jax.Array]:
         a, g, h = carry
         both = solved(eye + g @ h, jnp.concatenate([a, g], axis=1))
         ahead, gain = both[:, :n], both[:, n:]
@@ -147,19 +162,19 @@ def _doubled(a: Array, row: Array, h: Array, variance: Array, doublings: int) ->
         h, going = _grown(h, a.T @ h @ ahead)
         return (a @ ahead, 0.5 * (g + g.T), h), going
 
-    def keep(carry: _Doubled) -> tuple[_Doubled, Array]:
+    def keep(carry: _Doubled) -> tuple[_Doubled, jax.Array]:
         return carry, jnp.zeros((), bool)
 
-    def unless_done(_: int, state: tuple[_Doubled, Array]) -> tuple[_Doubled, Array]:
+    def unless_done(_: int, state: tuple[_Doubled, jax.Array]) -> tuple[_Doubled, jax.Array]:
         carry, going = state
-        further: tuple[_Doubled, Array] = jax.lax.cond(going, double, keep, carry)
+        further: tuple[_Doubled, jax.Array] = jax.lax.cond(going, double, keep, carry)
         return further
 
     doubled: _Doubled = jax.lax.fori_loop(0, doublings - done, unless_done, ((a, g, h), going))[0]
     return doubled
 
 
-def _grown(h: Array, more: Array) -> tuple[Array, Array]:
+def _grown(h: jax.Array, more: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Covariance with what a doubling adds, and whether that was much; no if it is no number, so that time is saved."""
     total = h + more
     total = 0.5 * (total + total.T)
@@ -168,7 +183,7 @@ def _grown(h: Array, more: Array) -> tuple[Array, Array]:
     return total, jnp.any(more.ravel()[::every] > much * total.ravel()[::every])
 
 
-def _last_covariance(doubled: _Doubled) -> Array:
+def _last_covariance(doubled: _Doubled) -> jax.Array:
     a, g, h = doubled
     h = h + a.T @ h @ solved(jnp.eye(h.shape[0], dtype=h.dtype) + g @ h, a)
     return 0.5 * (h + h.T)

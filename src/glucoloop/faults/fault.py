@@ -1,4 +1,4 @@
-"""What all faults have in common: whether it is one of a sensor or of a pump, its times, and how it is drawn."""
+"""Common part of all faults: whether one is of a sensor or of a pump, its times, and how it is drawn at random."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ class Missing(SensorFault, name="missing"):
     """
 
     def altered(self, reading: Reading, age: jax.Array) -> Reading:
-        """No number, marked as not valid."""
+        """Reading without a number, marked as not valid."""
         none = jnp.full_like(reading.glucose_mg_dl, jnp.nan)
         return Reading(glucose_mg_dl=none, valid=jnp.zeros_like(reading.valid))
 

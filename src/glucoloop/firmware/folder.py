@@ -14,12 +14,13 @@ from glucoloop import __version__
 from glucoloop.control.protocol import Controller, Status
 from glucoloop.firmware.chips import CHIPS, LINK, MENDED_SUMS, SMALL, Chip, template
 from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.rung import OUTCOMES
 from glucoloop.firmware.samples import SampleRecord
-from glucoloop.native.targets.c.api import MEANINGS
 from glucoloop.native.targets.c.numbers import FORMATS, REAL
+from glucoloop.native.targets.c.source import MEANINGS
 from glucoloop.spreadsheet import write_rows
 
+OUTCOMES: Final = {True: "held", False: "did not hold", None: "not run"}
+"""Outcome of a check in words."""
 _GUARDED: Final = "The guard judges readings and insulin on board, and mends a damaged state by itself."
 _BARE: Final = "This controller has no guard: nobody judges its readings, nor the insulin on board."
 _SUPPORT: Final = {
@@ -28,7 +29,6 @@ _SUPPORT: Final = {
         f"link it with `{' '.join(MENDED_SUMS)}` |\n"
     )
 }
-Rungs = Sequence[Mapping[str, Any]]
 
 
 def code_files(exported: Exported, record: SampleRecord, chip: Chip | None) -> dict[str, str]:
@@ -77,7 +77,7 @@ def _makefile(chip: Chip, precision: str) -> str:
 def _samples(exported: Exported, record: SampleRecord) -> str:
     """Recorded samples as a header: inputs and expected outputs, in bits."""
     format, records = FORMATS[exported.precision], exported.source.records
-    given, expected = records["observation"].fields, records["decision"].fields
+    inputs, expected = records["observation"].fields, records["decision"].fields
     word = np.dtype(format.bits.removesuffix("_t"))
 
     def bits(leaf: Any, kind: str) -> str:
@@ -92,8 +92,8 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
 
     def read(field: Any, i: int) -> str:
         if field.kind == REAL:
-            return f"  (void)memcpy(&to->{field.name}, &given[i][{i}], sizeof(to->{field.name}));"
-        return f"  to->{field.name} = (int32_t)given[i][{i}];"
+            return f"  (void)memcpy(&to->{field.name}, &inputs[i][{i}], sizeof(to->{field.name}));"
+        return f"  to->{field.name} = (int32_t)inputs[i][{i}];"
 
     def compared(field: Any, i: int) -> str:
         if field.kind == REAL:
@@ -107,16 +107,16 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
     texts = {
         "SAMPLES": f"{len(record.observations)}",
         "RUN": f"{record.run}",
-        "LEAST": format.literal(float(limits.min_mU_min)),
-        "MOST": format.literal(float(limits.max_mU_min)),
+        "MIN_RATE": format.literal(float(limits.min_mU_min)),
+        "MAX_RATE": format.literal(float(limits.max_mU_min)),
         "BITS": format.bits,
-        "GIVEN": f"{len(given)}",
+        "INPUTS": f"{len(inputs)}",
         "EXPECTED": f"{len(expected)}",
-        "GIVEN_NAMES": ", ".join(field.name for field in given),
+        "INPUT_NAMES": ", ".join(field.name for field in inputs),
         "EXPECTED_NAMES": ", ".join(field.name for field in expected),
-        "GIVEN_ROWS": "\n".join(rows(record.observations, given)),
+        "INPUT_ROWS": "\n".join(rows(record.observations, inputs)),
         "EXPECTED_ROWS": "\n".join(rows(record.decisions, expected)),
-        "READ": "\n".join(read(field, i) for i, field in enumerate(given)),
+        "READ": "\n".join(read(field, i) for i, field in enumerate(inputs)),
         "COMPARED": "\n".join(compared(field, i) for i, field in enumerate(expected)),
     }
     return re.sub(r"@(\w+)@", lambda result: texts[result[1]], template("samples.h"))
@@ -136,7 +136,7 @@ def numbers_table(controller: Controller) -> str:
     return out.getvalue()
 
 
-def proof(exported: Exported, name: str, rungs: Rungs) -> str:
+def proof(exported: Exported, name: str, checks: Sequence[Mapping[str, Any]]) -> str:
     """Report of the checks that were made, and of those that were not, with the reason."""
     source = exported.source
     lines = [
@@ -150,13 +150,19 @@ def proof(exported: Exported, name: str, rungs: Rungs) -> str:
         "",
     ]
     for title, holds in (("Held", True), ("Did not hold", False), ("Not run", None)):
-        items = [f"- **{rung['check']}**: {rung['found']}" for rung in rungs if rung["holds"] is holds]
+        items = [f"- **{check['check']}**: {check['found']}" for check in checks if check["holds"] is holds]
         lines += [f"## {title}", "", *(items or ["- nothing"]), ""]
     return "\n".join(lines)
 
 
 def readme(
-    exported: Exported, name: str, sample_time_min: float, chip: Chip | None, rungs: Rungs, *, guarded: bool
+    exported: Exported,
+    name: str,
+    sample_time_min: float,
+    chip: Chip | None,
+    checks: Sequence[Mapping[str, Any]],
+    *,
+    guarded: bool,
 ) -> str:
     """Instructions for an engineer."""
     target, limits = chip or CHIPS["cortex-m4f"], exported.limits
@@ -174,7 +180,7 @@ def readme(
         sample_time=sample_time_min,
         summary=target.summary,
         packages=", ".join(target.packages),
-        checked="\n".join(f"- {OUTCOMES[rung['holds']]}: {rung['check']}" for rung in rungs),
+        checked="\n".join(f"- {OUTCOMES[check['holds']]}: {check['check']}" for check in checks),
         support="".join(_SUPPORT[name] for name in target.support(exported.precision)[0]),
         fields=fields,
         least=float(limits.min_mU_min),

@@ -35,7 +35,7 @@ def page(people: tuple[str, str] | None = None, language: str | None = None) -> 
     """
     data = DATA.read_bytes()
     if people is not None:
-        from glucoloop.lab.own_people import with_people
+        from glucoloop.lab.people import with_people
 
         data = json.dumps(with_people(json.loads(data), *people), separators=(",", ":")).encode()
     start, code = _read("start.js"), f"{{{_program(language)}{_BEGIN}}}\n"

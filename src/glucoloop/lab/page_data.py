@@ -1,4 +1,4 @@
-"""Numbers that the page starts from: patients at rest with their models, usual settings, and drawn noise."""
+"""Numbers that the page starts from: patients at steady state with their models, default settings, and random noise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from glucoloop.component.code import loaded
 from glucoloop.component.part import Part
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.component.setting import Value
@@ -22,14 +21,14 @@ from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.controllers import (
     LOOPED,
     controllers_of,
+    default_mpc,
+    default_mpc_se,
+    default_tuning,
     guard_program_of,
     horizon_suits_model,
     longest_horizon,
     program_of,
     shortest_horizon,
-    usual_mpc,
-    usual_mpc_se,
-    usual_tuning,
 )
 from glucoloop.lab.device_functions import MONITORS, errors_of
 from glucoloop.lab.lowered_function import by_name
@@ -53,25 +52,26 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.settings import PATIENTS, PatientPart
 from glucoloop.patients.table import REPLACED
-from glucoloop.pumps.settings import PumpPart
+from glucoloop.pumps import PumpPart
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SENSORS, DisplaySettings, MonitorPart
+from glucoloop.sensors import SENSORS
+from glucoloop.sensors.cgm import Display, Monitor
 from glucoloop.simulation import fit_step
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
-SEEDS: Final = 10
-LONGEST_MIN: Final = 1440.0
+_SEEDS: Final = 10
+_LONGEST_MIN: Final = 1440.0
 """Longest run of the page."""
-SLIDERS: Final[dict[str, dict[str, Any]]] = tomllib.loads(
+_SLIDERS: Final[dict[str, dict[str, Any]]] = tomllib.loads(
     files("glucoloop.lab").joinpath("sliders.toml").read_text(encoding="utf-8")
 )
-"""Settings that can be changed on the page, with least and largest value and step of their sliders."""
+"""Settings that can be changed on the page, with minimum, maximum and step of their sliders."""
 _OF_ZERO: Final = re.compile(r";? 0: .*")
 """Sentence on a value of 0, where the page does not offer it."""
 _OF_DEFAULT: Final = re.compile(r"; that of the patient's pump\.|; by default .*|: true or false\.")
-"""Sentences on what is usual, which the page shows, and on how to write it."""
-CHAIN: Final = ("ideal", "white-noise", *MONITORS, "dead-time")
+"""Sentences on the default, which the page shows, and on how to write it."""
+_CHAIN: Final = ("ideal", "white-noise", *MONITORS, "dead-time")
 """Sensors that a chain on the page can have, from the innermost outwards."""
 
 
@@ -80,18 +80,18 @@ def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
     return {
         "sample_time_min": SAMPLE_TIME_MIN,
         "inside_min": GRID.inside_min.tolist(),
-        "longest_min": LONGEST_MIN,
+        "longest_min": _LONGEST_MIN,
         "families": {family: _family(PATIENTS.find(family)) for family in families},
         "patients": {
             patient_id(family, point): _patient(PATIENTS.find(family), point, patient)
             for family in families
             for point, patient in patients(family).items()
         },
-        "sensors": {name: SENSORS[name]().values() for name in CHAIN},
+        "sensors": {name: SENSORS[name]().values() for name in _CHAIN},
         "faults": {name: _fault(entry) for name, entry in FAULTS.items()},
         "monitors": {name: _monitor(name) for name in MONITORS},
-        "display": DisplaySettings().values(),
-        "seeds": SEEDS,
+        "display": Display().values(),
+        "seeds": _SEEDS,
         "statuses": {status.value: status.text for status in Status},
         "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
         "people": {family: people_numbers(family) for family in families if not by_equations(family)},
@@ -99,7 +99,7 @@ def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
 
 
 def _family(entry: type[PatientPart]) -> dict[str, Any]:
-    """Values that all patients of a family share: ways of insulin, controllers, limits and usual values."""
+    """Values that all patients of a family share: ways of insulin, controllers, limits and defaults."""
     return {
         "summary": entry.summary,
         "points": {point.name: point.summary for point in entry.operating_points},
@@ -107,15 +107,15 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "population": _population(entry.name),
         "step_min": SAMPLE_TIME_MIN / steps_of(entry.name),
         "inside": [list(place) for place in inside(entry.name)],
-        "guard_limits": _offered(GuardSettings, SLIDERS["guard"], guard_of(entry).values()),
-        "pump_limits": _offered(PumpPart, SLIDERS["pump"], {name: getattr(entry, name) for name in SLIDERS["pump"]}),
+        "guard_limits": _offered(GuardSettings, _SLIDERS["guard"], guard_of(entry).values()),
+        "pump_limits": _offered(PumpPart, _SLIDERS["pump"], {name: getattr(entry, name) for name in _SLIDERS["pump"]}),
         "controllers": {name: _controller(name, entry) for name in controllers_of(entry.name)},
         "configuration": _configuration(entry),
     }
 
 
 def _population(family: str) -> str:
-    """The usual population of a family, as a command takes it for any number of people."""
+    """The default population of a family, as a command takes it for any number of people."""
     people = people_of(family)
     return people.name if people.most_people is None else f"{people.name}, draw={REPLACED}"
 
@@ -128,9 +128,9 @@ def _configuration(entry: type[PatientPart]) -> dict[str, Any]:
 
 
 def _offered(
-    part: type[Part], bounds: Mapping[str, tuple[float, float, float]], usual: Mapping[str, Any] | None = None
+    part: type[Part], bounds: Mapping[str, tuple[float, float, float]], defaults: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Settings of a part with their bounds on the page, and their usual values."""
+    """Settings of a component with their bounds on the page, and their defaults."""
     result = {}
     for name, bound in bounds.items():
         setting = part.setting(name)
@@ -138,27 +138,27 @@ def _offered(
             "summary": _OF_DEFAULT.sub("", _OF_ZERO.sub("", setting.summary) if bound[0] > 0 else setting.summary),
             "whole": setting.kind in (int, bool),
             **dict(zip(("least", "most", "step"), bound, strict=True)),
-            **({} if usual is None else {"usual": usual[name]}),
+            **({} if defaults is None else {"usual": defaults[name]}),
         }
     return result
 
 
 def _fault(entry: type[FaultPart]) -> dict[str, Any]:
     """A fault with its settings."""
-    usual = {name: setting.default.noise_free for name, setting in entry.effect_settings().items()}
-    bounds = {name: _slider(entry, name) for name in usual}
+    defaults = {name: setting.default.noise_free for name, setting in entry.effect_settings().items()}
+    bounds = {name: _slider(entry, name) for name in defaults}
     return {
         "part": entry.part,
         "summary": entry.summary,
         "timed": entry.timed,
-        "settings": _offered(entry, bounds, usual),
+        "settings": _offered(entry, bounds, defaults),
     }
 
 
 def _slider(entry: type[FaultPart], name: str) -> tuple[float, float, float]:
-    """Least and largest value and step of a fault's setting on the page, by default hundredths from bound to bound."""
-    if name in SLIDERS["faults"]:
-        return cast(tuple[float, float, float], SLIDERS["faults"][name])
+    """Minimum, maximum and step of a fault's setting on the page, by default hundredths from bound to bound."""
+    if name in _SLIDERS["faults"]:
+        return cast(tuple[float, float, float], _SLIDERS["faults"][name])
     setting = entry.setting(name)
     about = setting.about
     low, high = max(about.at_least, about.above), min(about.at_most, about.below)
@@ -173,21 +173,25 @@ def _slider(entry: type[FaultPart], name: str) -> tuple[float, float, float]:
 
 def _monitor(name: str) -> dict[str, Any]:
     """A monitor: the numbers of its errors, the processes of its noise, and its settings."""
-    entry = cast(type[MonitorPart], SENSORS[name])
-    model, values = loaded(entry.model), entry().values()
-    usual = {**{setting: values[setting] for setting in SLIDERS["monitor"]}, "lag_min": model.lag_min, "worn_min": None}
+    entry = cast(type[Monitor], SENSORS[name])
+    model, values = entry.model, entry().values()
+    defaults = {
+        **{setting: values[setting] for setting in _SLIDERS["monitor"]},
+        "lag_min": model.lag_min,
+        "worn_min": None,
+    }
     worn_min = (0.0, values["wear_min"] - SAMPLE_TIME_MIN, SAMPLE_TIME_MIN)
-    drawn_or_unused = ("worn", "inner.valid")
+    random_or_unused = ("worn", "inner.valid")
     return {
         "summary": entry.summary,
-        "numbers": {of: number for of, number in by_name(errors_of(name)).items() if of not in drawn_or_unused},
+        "numbers": {of: number for of, number in by_name(errors_of(name)).items() if of not in random_or_unused},
         "processes": len(model.processes),
-        "settings": _offered(entry, {**SLIDERS["monitor"], "worn_min": worn_min}, usual),
+        "settings": _offered(entry, {**_SLIDERS["monitor"], "worn_min": worn_min}, defaults),
     }
 
 
 def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -> dict[str, Any]:
-    """A patient at rest, and the models on which controllers are designed."""
+    """A patient at steady state, and the models on which controllers are designed."""
     x = patient.steady_state(patient.basal_insulin_mU_min)
     return {
         "family": entry.name,
@@ -199,7 +203,9 @@ def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -
         "setpoint_mg_dl": float(patient.setpoint_mg_dl),
         "glucose_mg_dl": portable_glucose_mg_dl(entry.name, point, x),
         "profile": _profile(entry, point),
-        "first_order": {name: _first_order(patient, usual_tuning(name, entry.name, point)) for name in ("pid", "imc")},
+        "first_order": {
+            name: _first_order(patient, default_tuning(name, entry.name, point)) for name in ("pid", "imc")
+        },
         "response": _response(entry.name, point),
         "response_behind_lag": _response(entry.name, point, *MONITORS[:1]),
         "linear": _linear(entry.name, point, patient),
@@ -217,7 +223,7 @@ def _profile(entry: type[PatientPart], point: str) -> dict[str, float]:
 
 def _response(family: str, point: str, *sensor: str) -> dict[str, list[float]]:
     """The identified response as linear MPC keeps it: coefficients, and a realisation of what comes after them."""
-    mpc = usual_mpc(family, point, *sensor)
+    mpc = default_mpc(family, point, *sensor)
     result = {"step_response": np.asarray(mpc.step_response).tolist()}
     if mpc.realisation is not None:
         for name in ("transition", "start", "output"):
@@ -227,7 +233,7 @@ def _response(family: str, point: str, *sensor: str) -> dict[str, list[float]]:
 
 def _linear(family: str, point: str, patient: SemilinearPatient) -> dict[str, Any]:
     """The linearised patient as MPC/SE keeps it, with the state of a disturbance of the output if it has one."""
-    mpc_se, offset_free = usual_mpc_se(family, point), usual_tuning("mpc-se", family, point)["offset_free"]
+    mpc_se, offset_free = default_mpc_se(family, point), default_tuning("mpc-se", family, point)["offset_free"]
     unit = np.stack([process_noise(patient, *unit) for unit in np.eye(3)])
     kinds, factors = np.argmax(unit, axis=0).tolist(), unit.max(axis=0).tolist()
     if offset_free == "output-disturbance":
@@ -249,7 +255,7 @@ def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dic
     step_mU_min, delay_min = float(tuning["step_mU_min"]), tuning.get("delay_min")
     fitted = fit_step(
         patient,
-        step_mU_min=step_mU_min or None,  # 0: the usual one
+        step_mU_min=step_mU_min or None,  # 0: the default
         delay_min=None if delay_min is None else float(delay_min),
         sample_time_min=SAMPLE_TIME_MIN,
     )
@@ -257,18 +263,18 @@ def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dic
 
 
 def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
-    """A controller's settings on the page, and the usual values of all of its settings."""
+    """A controller's settings on the page, and the defaults of all of its settings."""
     entry = controller_entry(name)
-    bounds = dict(SLIDERS["controllers"][name])
+    bounds = dict(_SLIDERS["controllers"][name])
     if of_patient.insulin_route == SUBCUTANEOUS:
-        bounds |= SLIDERS["subcutaneous"].get(name, {})
+        bounds |= _SLIDERS["subcutaneous"].get(name, {})
     if "prediction_horizon" in bounds:
-        least = shortest_horizon(name, of_patient.name)
-        bounds["prediction_horizon"] = (least, longest_horizon(of_patient.name), 1)
-    usual: dict[str, Any] = {}
+        minimum = shortest_horizon(name, of_patient.name)
+        bounds["prediction_horizon"] = (minimum, longest_horizon(of_patient.name), 1)
+    defaults: dict[str, Any] = {}
     for point in of_patient.operating_points:
-        usual[point.name] = {
-            kind: usual_tuning(name, of_patient.name, point.name, *sensor)
+        defaults[point.name] = {
+            kind: default_tuning(name, of_patient.name, point.name, *sensor)
             for kind, sensor in (("noise_free", ()), ("noisy", ("white-noise",)), ("behind_lag", MONITORS[:1]))
         }
     result: dict[str, Any] = {
@@ -277,7 +283,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         "gives_boluses": entry.gives_boluses,
         "summary": entry.summary,
         "settings": _offered(entry, bounds),
-        "usual": usual,
+        "usual": defaults,
         "horizon_suits_model": horizon_suits_model(name, of_patient.name),
     }
     if name == "mpc":

@@ -12,16 +12,12 @@ remember the meal: ``s' = f(s, rate of eating)``, with a jump of what it remembe
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
 
-Values = jax.Array | npt.NDArray[np.float64]
+Values: TypeAlias = "jax.Array | npt.NDArray[np.float64]"
 
 
 @pytree

@@ -16,11 +16,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN, RAMP_MIN
 from glucoloop.units import MG_PER_G
@@ -58,7 +54,7 @@ class Gut:
     """The same after half a sample."""
 
 
-def gut_of(time_constant_min: ArrayLike, sample_time_min: float) -> Gut:
+def gut_of(time_constant_min: jax.typing.ArrayLike, sample_time_min: float) -> Gut:
     """Stomach and gut of a time constant T of 30 to 60 min, so that ``q' = E - q / T``; the ramps shorten with it."""
     # NumPy computes once what is known when the program is made.
     xp: Any = jnp if isinstance(time_constant_min, jax.Array) else np

@@ -6,9 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Final, Protocol
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 
 LAG_MIN: Final = 55.0

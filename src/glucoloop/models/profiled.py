@@ -41,15 +41,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-import scipy.linalg
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp, np, npt, scipy
 from glucoloop._pytree import pytree
 from glucoloop.models.nonlinear import NonlinearModel, reading_of
 from glucoloop.models.state_space import LinearModel
@@ -57,7 +51,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.therapy import CARB_RULE, CORRECTION_RULE, Profile
 from glucoloop.units import MG_PER_G, MIN_PER_H, MU_PER_U
 
-Matrix = npt.NDArray[np.float64]
+Matrix: TypeAlias = "npt.NDArray[np.float64]"
 
 MEAL_G: Final = 50.0
 ACTION_MIN: Final = 300.0
@@ -79,19 +73,19 @@ class GutCompartments:
 
     time_to_peak_min: jax.Array | float
 
-    def after(self, content_mg: jax.Array, minutes: ArrayLike) -> jax.Array:
+    def after(self, content_mg: jax.Array, minutes: jax.typing.ArrayLike) -> jax.Array:
         """Contents after some minutes without eating."""
         z = minutes / self.time_to_peak_min
         left = jnp.exp(-z)
         first, second = content_mg[0], content_mg[1]
         return jnp.stack([left * first, left * (second + z * first)])
 
-    def appeared(self, minutes: ArrayLike) -> jax.Array:
+    def appeared(self, minutes: jax.typing.ArrayLike) -> jax.Array:
         """Share of a meal that has appeared some minutes after it was eaten."""
         z = jnp.asarray(minutes) / self.time_to_peak_min
         return 1.0 - (1.0 + z) * jnp.exp(-z)
 
-    def appearance_mg_min(self, content_mg: jax.Array, minutes: ArrayLike) -> jax.Array:
+    def appearance_mg_min(self, content_mg: jax.Array, minutes: jax.typing.ArrayLike) -> jax.Array:
         """Mean rate at which glucose appears over some minutes."""
         return jnp.sum(content_mg - self.after(content_mg, minutes), axis=0) / minutes
 

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
-import jax.numpy as jnp
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.models.nonlinear import FedModel, roughly
 from glucoloop.models.state_space import ContinuousModel
@@ -89,7 +86,7 @@ def linear_behind_lag(model: ContinuousModel, lag_min: float) -> ContinuousModel
     _check(lag_min)
     n = model.C.shape[0]
 
-    def extended(row: jax.Array, value: ArrayLike = 0.0) -> jax.Array:
+    def extended(row: jax.Array, value: jax.typing.ArrayLike = 0.0) -> jax.Array:
         return jnp.append(row, value)
 
     return dataclasses.replace(

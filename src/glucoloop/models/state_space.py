@@ -16,15 +16,10 @@ C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 
-import jax
-import jax.numpy as jnp
-from jax import Array
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jit, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.refusal import Refusal
 
@@ -36,53 +31,53 @@ class ContinuousModel:
     Its fields have the shapes of those of `LinearModel`.
     """
 
-    A: Array
-    B: Array
-    C: Array
-    E: Array | None = None
-    C_reading: Array | None = None
-    state: Array
-    insulin_mU_min: Array
-    glucose_mg_dl: Array
+    A: jax.Array
+    B: jax.Array
+    C: jax.Array
+    E: jax.Array | None = None
+    C_reading: jax.Array | None = None
+    state: jax.Array
+    insulin_mU_min: jax.Array
+    glucose_mg_dl: jax.Array
 
 
 @pytree
 class LinearModel:
     """A linear model sampled with a zero-order hold, and the point about which it holds."""
 
-    Phi: Array
+    Phi: jax.Array
     """Transition over one sample, ``(n, n)``."""
-    Gamma: Array
+    Gamma: jax.Array
     """Effect of an input held over one sample, per mU/min, ``(n,)``."""
-    C: Array
+    C: jax.Array
     """Output row, ``(n,)``."""
-    Psi: Array | None = None
+    Psi: jax.Array | None = None
     """Effect of a disturbance held over one sample, ``(n,)``."""
-    C_reading: Array | None = None
+    C_reading: jax.Array | None = None
     """Output row of the sensor, ``(n,)``, or None where it reads glucose."""
-    state: Array
+    state: jax.Array
     """Operating point x0, ``(n,)``."""
-    insulin_mU_min: Array
+    insulin_mU_min: jax.Array
     """Operating point u0."""
-    glucose_mg_dl: Array
+    glucose_mg_dl: jax.Array
     """Operating point y0."""
     sample_time_min: float = static()
     """Sample time of the model."""
 
     @property
-    def reading_row(self) -> Array:
+    def reading_row(self) -> jax.Array:
         """Output row ``(n,)`` of the sensor."""
         return self.C if self.C_reading is None else self.C_reading
 
 
 def linearise(
-    derivative: Callable[..., Array],
-    output: Callable[[Array], Array],
-    state: ArrayLike,
-    insulin_mU_min: ArrayLike,
-    disturbance: ArrayLike | None = None,
+    derivative: Callable[..., jax.Array],
+    output: Callable[[jax.Array], jax.Array],
+    state: jax.typing.ArrayLike,
+    insulin_mU_min: jax.typing.ArrayLike,
+    disturbance: jax.typing.ArrayLike | None = None,
     *,
-    reading: Callable[[Array], Array] | None = None,
+    reading: Callable[[jax.Array], jax.Array] | None = None,
 ) -> ContinuousModel:
     """Differentiate a nonlinear model at a point, exactly, by forward-mode differentiation.
 
@@ -124,7 +119,9 @@ def linearise(
     )
 
 
-def zero_order_hold(A: ArrayLike, B: ArrayLike, sample_time_min: float) -> tuple[Array, Array]:
+def zero_order_hold(
+    A: jax.typing.ArrayLike, B: jax.typing.ArrayLike, sample_time_min: float
+) -> tuple[jax.Array, jax.Array]:
     """Sample ``dx/dt = A x + B u`` with `u` held over each sample, exactly; B and Gamma are ``(n,)`` or ``(n, q)``.
 
     ``exp([[A, B], [0, 0]] T) = [[Phi, Gamma], [0, I]]``; `A` may be singular.
@@ -140,7 +137,7 @@ def zero_order_hold(A: ArrayLike, B: ArrayLike, sample_time_min: float) -> tuple
     return hold[:n, :n], hold[:n, n:].reshape(B.shape)
 
 
-def exponential(M: Array, halvings: int) -> Array:
+def exponential(M: jax.Array, halvings: int) -> jax.Array:
     """Matrix exponential by a series of fixed length, of a matrix halved so often, and squared as often.
 
     Without a solve, for a program that has none. The series ends at the power 8. A mode that decays by
@@ -164,11 +161,11 @@ def halvings_of(model: ContinuousModel, sample_time_min: float) -> int:
     return max(4, math.ceil(math.log2(max(size, 1e-9) / 3.0)))
 
 
-def _inputs(model: ContinuousModel) -> Array:
+def _inputs(model: ContinuousModel) -> jax.Array:
     return model.B[:, None] if model.E is None else jnp.stack([model.B, model.E], axis=1)
 
 
-def _augmented(A: Array, columns: Array) -> Array:
+def _augmented(A: jax.Array, columns: jax.Array) -> jax.Array:
     """``[[A, B], [0, 0]]``, whose exponential holds the inputs."""
     n, q = columns.shape
     return jnp.zeros((n + q, n + q)).at[:n, :n].set(A).at[:n, n:].set(columns)
@@ -199,21 +196,21 @@ def discretise(model: ContinuousModel, sample_time_min: float, halvings: int | N
     )
 
 
-def impulse_response(model: LinearModel, samples: int) -> Array:
+def impulse_response(model: LinearModel, samples: int) -> jax.Array:
     """Response ``h_i = C Phi^(i-1) Gamma`` to a unit input held over the first sample [mg/dl per mU/min]."""
     if samples < 1:
         raise Refusal(f"A response needs at least 1 sample, but {samples} were asked for.")
-    h: Array = _response(model.Phi, model.Gamma, model.C, samples)
+    h: jax.Array = _response(model.Phi, model.Gamma, model.C, samples)
     return h
 
 
-@functools.partial(jax.jit, static_argnames="samples")
-def _response(Phi: Array, Gamma: Array, C: Array, samples: int) -> Array:
+@jit(static_argnames="samples")
+def _response(Phi: jax.Array, Gamma: jax.Array, C: jax.Array, samples: int) -> jax.Array:
     _, h = jax.lax.scan(lambda x, _: (Phi @ x, C @ x), Gamma, None, length=samples)
     return h
 
 
-def step_response(model: LinearModel, samples: int) -> Array:
+def step_response(model: LinearModel, samples: int) -> jax.Array:
     """Response ``S_i = h_1 + ... + h_i`` of the output to a unit step of the input [mg/dl per mU/min]."""
     return jnp.cumsum(impulse_response(model, samples))
 

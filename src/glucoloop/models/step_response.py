@@ -8,15 +8,9 @@ predictive control", Automatica 30(4), 1994, 707-717.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from typing import Any, Final, Self
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jax import Array
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jit, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
 from glucoloop.refusal import Refusal
@@ -28,17 +22,17 @@ _ROUNDING: Final = 1e-9
 class Realisation:
     """State-space realisation of an impulse response after n samples: ``h_(n+j) = c' A^(j-1) b`` for j = 1, 2, ..."""
 
-    transition: Array
+    transition: jax.Array
     """Matrix A, with eigenvalues within the unit circle, ``(L, L)``."""
-    start: Array
+    start: jax.Array
     """State b one sample after a unit impulse that the first n coefficients have answered, ``(L,)``."""
-    output: Array
+    output: jax.Array
     """Output c [mg/dl per mU/min], ``(L,)`` or ``(L, people)``."""
     after: int = static(default=0)
     """Number n of samples after which it begins."""
 
     @property
-    def sum(self) -> Array:
+    def sum(self) -> jax.Array:
         """Sum of all coefficients after the first n, ``c' (I - A)^-1 b``."""
         still = jnp.eye(self.transition.shape[0]) - self.transition
         return jnp.tensordot(jnp.linalg.solve(still, self.start), self.output, 1)
@@ -68,7 +62,7 @@ class StepResponseModel:
     realisation the response is constant after M samples.
     """
 
-    step_response: Array
+    step_response: jax.Array
     """(M, ...) S_1..S_M [mg/dl per mU/min]; trailing axes, one column per model, are allowed."""
     sample_time_min: float = static()
     """Sample time of the model."""
@@ -77,7 +71,7 @@ class StepResponseModel:
 
     @classmethod
     def from_impulse_response(
-        cls, impulse_response: ArrayLike, sample_time_min: float, *, realisation: Realisation | None = None
+        cls, impulse_response: jax.typing.ArrayLike, sample_time_min: float, *, realisation: Realisation | None = None
     ) -> Self:
         """Model whose step response is the running sum of an impulse response h_1..h_M [mg/dl per mU/min].
 
@@ -105,12 +99,12 @@ class StepResponseModel:
         return cls(step_response=step_response, sample_time_min=float(sample_time_min), realisation=realisation)
 
     @property
-    def impulse_response(self) -> Array:
+    def impulse_response(self) -> jax.Array:
         """h_1..h_M [mg/dl per mU/min], the increments of the step response; shape (M,)."""
         return jnp.diff(self.step_response, axis=0, prepend=jnp.zeros_like(self.step_response[:1]))
 
     @property
-    def gain(self) -> Array:
+    def gain(self) -> jax.Array:
         """Steady change of glucose for a lasting change of insulin [mg/dl per mU/min]: S_M and what comes after it."""
         if self.realisation is None:
             return self.step_response[-1]
@@ -133,7 +127,7 @@ class StepResponseModel:
         step_response = jnp.concatenate([zeros, self.step_response])
         return dataclasses.replace(self, step_response=step_response, realisation=later)
 
-    def predict(self, insulin_deviation: ArrayLike) -> Array:
+    def predict(self, insulin_deviation: jax.typing.ArrayLike) -> jax.Array:
         """Glucose deviations y_0..y_N from rest under insulin deviations u_0..u_(N-1), each held over a sample."""
         if self.realisation is None:
             return lagged_inputs(insulin_deviation, self.memory) @ self.impulse_response
@@ -148,7 +142,7 @@ def extended(step_response: Any, realisation: Realisation | None, samples: int) 
     missing = samples - memory
     if missing <= 0:
         return step_response
-    xp: Any = jnp if is_traced(step_response, realisation) or isinstance(step_response, Array) else np
+    xp: Any = jnp if is_traced(step_response, realisation) or isinstance(step_response, jax.Array) else np
     after = xp.repeat(step_response[-1:], missing, axis=0)
     if realisation is not None:
         states = realisation.advanced(memory).states(missing)
@@ -156,7 +150,7 @@ def extended(step_response: Any, realisation: Realisation | None, samples: int) 
     return xp.concatenate([step_response, after])
 
 
-def refuse_other_response(realisation: Realisation, impulse_response: ArrayLike) -> None:
+def refuse_other_response(realisation: Realisation, impulse_response: jax.typing.ArrayLike) -> None:
     """Refuse a realisation that is not one of this impulse response, or does not decay after it."""
     h = np.asarray(impulse_response, dtype=float)
     if realisation.after > h.shape[0]:
@@ -180,7 +174,7 @@ def refuse_other_response(realisation: Realisation, impulse_response: ArrayLike)
         )
 
 
-def lagged_inputs(insulin_deviation: ArrayLike, memory: int) -> Array:
+def lagged_inputs(insulin_deviation: jax.typing.ArrayLike, memory: int) -> jax.Array:
     """Past inputs on which each reading depends: row k is u_(k-1), ..., u_(k-M), with zeros before the record."""
     insulin = jnp.asarray(insulin_deviation, dtype=float)
     if insulin.ndim != 1:
@@ -188,12 +182,12 @@ def lagged_inputs(insulin_deviation: ArrayLike, memory: int) -> Array:
             f"An insulin sequence of shape {insulin.shape} is not one-dimensional: "
             "give one value per sample, and use jax.vmap for several sequences."
         )
-    past: Array = _lagged(insulin, memory)
+    past: jax.Array = _lagged(insulin, memory)
     return past
 
 
-@functools.partial(jax.jit, static_argnames="memory")
-def _lagged(insulin: Array, memory: int) -> Array:
+@jit(static_argnames="memory")
+def _lagged(insulin: jax.Array, memory: int) -> jax.Array:
     padded = jnp.concatenate([jnp.zeros(memory), insulin])
     reading = jnp.arange(insulin.shape[0] + 1)[:, None]
     lag = jnp.arange(1, memory + 1)[None, :]

@@ -2,9 +2,9 @@
 
 A division takes as long as sixteen products. Quotients that do not need one another can share one, by Montgomery's
 trick: ``1 / a`` and ``1 / b`` are ``b`` and ``a`` times ``1 / (a b)``. It is done for the operation ``ratio``, by which
-elementary functions say that their denominators are not large, are above `LEAST`, and are numbers if the numerators
-are; each quotient then loses a unit or two in the last place. A denominator that is not a number is taken as `LEAST`:
-its own quotient is none by the numerator, and the others remain as they are.
+elementary functions say that their denominators are not large, are above `_MIN_DENOMINATOR`, and are numbers if the
+numerators are; each quotient then loses a unit or two in the last place. A denominator that is not a number is taken as
+`_MIN_DENOMINATOR`: its own quotient is none by the numerator, and the others remain as they are.
 
 References
 ----------
@@ -21,9 +21,9 @@ from typing import Final
 
 from glucoloop.native.program import WORD, Home, Program, Value
 
-LEAST: Final = 0.5
+_MIN_DENOMINATOR: Final = 0.5
 """Bound below the denominators that share a division."""
-TOGETHER: Final = 4
+_QUOTIENTS_A_DIVISION: Final = 4
 """Quotients that share a division: more would leave the range of numbers in single precision."""
 
 
@@ -51,19 +51,19 @@ def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program
             if value in group_of:
                 place.update(zip(group, _shared(program, new, place, group), strict=True))
             elif value in program.constants:
-                known = program.constants[value]
-                place[value] = new.word(int(known)) if program.types[value] == WORD else new.constant(known)
+                constant = program.constants[value]
+                place[value] = new.word(int(constant)) if program.types[value] == WORD else new.constant(constant)
             else:
                 operation, arguments = program.operations[value]
-                given = [place[a] for a in arguments]
+                operands = [place[a] for a in arguments]
                 if operation == "loop":
                     old = program.loops[value]
-                    carried, rows = (tuple(place[a] for a in group) for group in (old.carried, old.rows))
-                    place[value] = new.loop(replace(old, carried=carried, rows=rows), given)
+                    carry, rows = (tuple(place[a] for a in group) for group in (old.carry, old.rows))
+                    place[value] = new.loop(replace(old, carry=carry, rows=rows), operands)
                 elif operation == "part":
-                    place[value] = new.part(given[0], int(program.constants[arguments[1]]))
+                    place[value] = new.part(operands[0], int(program.constants[arguments[1]]))
                 else:
-                    place[value] = new.apply(operation, *given)
+                    place[value] = new.apply(operation, *operands)
     return new, place
 
 
@@ -82,7 +82,7 @@ def _groups(program: Program, order: Sequence[Value]) -> dict[Value, tuple[Value
             depth[value] += 1
     groups: dict[Value, tuple[Value, ...]] = {}
     for alike in waiting.values():
-        together = 1 if program.as_written else TOGETHER
+        together = 1 if program.as_written else _QUOTIENTS_A_DIVISION
         for start in range(0, len(alike), together):
             group = tuple(alike[start : start + together])
             groups.update(dict.fromkeys(group, group))
@@ -94,8 +94,8 @@ def _shared(program: Program, new: Program, place: dict[Value, Value], group: Se
     above, below = ([place[program.operations[v][1][i]] for v in group] for i in (0, 1))
     if len(group) == 1:
         return [new.apply("div", above[0], below[0])]
-    least = new.constant(LEAST)
-    below = [new.apply("select", new.apply("lt", least, b), b, least) for b in below]
+    minimum = new.constant(_MIN_DENOMINATOR)
+    below = [new.apply("select", new.apply("lt", minimum, b), b, minimum) for b in below]
     products = list(itertools.accumulate(below, functools.partial(new.apply, "mul")))
     inverse = new.apply("div", new.constant(1.0), products[-1])
     quotients: list[Value] = []

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
@@ -18,19 +19,49 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.native import primitives
-from glucoloop.native.drawing import Drawing, Drawn
 from glucoloop.native.functions import Functions
 from glucoloop.native.loops import LoopMaker, Values
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
 
-LONGEST_LOOP: Final = 64
+
+class _RandomArray:
+    """An array that depends only on random keys, so that it can be computed before the loop: its shape and type."""
+
+    def __init__(self, aval: Any) -> None:
+        self.aval = aval
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """Computations from random keys before the loop, equation by equation."""
+
+    keys: Sequence[_RandomArray]
+    equations: Sequence[tuple[Any, Sequence[Any], Sequence[_RandomArray]]]
+    """Equation, its inputs (`_RandomArray` or numbers), and its outputs."""
+    results: Sequence[_RandomArray]
+    """Arrays that the loop needs."""
+
+    def __call__(self, *keys: Any) -> list[jax.Array]:
+        """The wanted arrays, of one person at one sample; JAX can trace it."""
+        output: dict[int, Any] = {id(variable): key for variable, key in zip(self.keys, keys, strict=True)}
+
+        def read(operand: Any) -> Any:
+            return output[id(operand)] if isinstance(operand, _RandomArray) else operand
+
+        for equation, inputs, outputs in self.equations:
+            results = primitives.bind(equation, [read(operand) for operand in inputs])
+            output.update((id(variable), result) for variable, result in zip(outputs, results, strict=True))
+        return [output[id(variable)] for variable in self.results]
+
+
+_LONGEST_LOOP: Final = 64
 """Largest number of rounds that are written out one by one."""
-LARGEST_LOOP: Final = 30_000
+_LARGEST_LOOP: Final = 30_000
 """Largest number of operations, about, of all rounds of a loop that is written out so."""
-FEW_ROUNDS: Final = 3
+_FEW_ROUNDS: Final = 3
 """Number of rounds that are written out however long they are: more is then known of each."""
-LONGEST_TABLE: Final = 256
+_LONGEST_TABLE: Final = 256
 """Largest number of places in an array among which a computed one is chosen."""
 
 ELEMENTWISE: Final = {
@@ -61,9 +92,9 @@ class Flattener:
     def __init__(self, program: Program, precision: str) -> None:
         self.program = program
         self._functions = Functions(program, precision)
-        self._equations: list[tuple[Any, Sequence[Any], Sequence[Drawn]]] = []
-        self._keys: list[Drawn] = []
-        self._wanted: dict[int, tuple[Drawn, Values]] = {}
+        self._equations: list[tuple[Any, Sequence[Any], Sequence[_RandomArray]]] = []
+        self._keys: list[_RandomArray] = []
+        self._random_arrays: dict[int, tuple[_RandomArray, Values]] = {}
         self._rounds = LoopMaker(program)
 
     def input(self, name: tuple[str, int], aval: Any, level: int) -> Values:
@@ -72,32 +103,32 @@ class Flattener:
         flat = [self.program.input((*name, i), level, kind) for i in range(math.prod(aval.shape))]
         return np.array(flat, np.int64).reshape(aval.shape)
 
-    def random_input(self, aval: Any) -> Drawn:
+    def random_input(self, aval: Any) -> _RandomArray:
         """A random input, such as a random key or the number of the sample, to draw values from before the loop.
 
         It stays outside the program. Values that the program needs from it become inputs; `drawing` computes them.
         """
-        key = Drawn(aval)
+        key = _RandomArray(aval)
         self._keys.append(key)
         return key
 
     def drawing(self) -> tuple[Drawing, list[Values]]:
         """The computations before the loop, and the inputs of the program that hold their results."""
-        wanted = list(self._wanted.values())
-        drawing = Drawing(keys=self._keys, equations=self._equations, wanted=[variable for variable, _ in wanted])
-        return drawing, [values for _, values in wanted]
+        arrays = list(self._random_arrays.values())
+        drawing = Drawing(keys=self._keys, equations=self._equations, results=[variable for variable, _ in arrays])
+        return drawing, [values for _, values in arrays]
 
-    def _ask(self, given: Any) -> Values:
+    def _values(self, operand: Any) -> Values:
         """Values of an array; an array that depends on random keys becomes an input."""
-        if not isinstance(given, Drawn):
-            values: Values = given
+        if not isinstance(operand, _RandomArray):
+            values: Values = operand
             return values
-        if id(given) not in self._wanted:
-            aval, position = given.aval, len(self._wanted)
+        if id(operand) not in self._random_arrays:
+            aval, position = operand.aval, len(self._random_arrays)
             if not (jnp.issubdtype(aval.dtype, jnp.floating) or aval.dtype == bool):
                 raise UnsupportedError(f"random numbers of type {aval.dtype}")
-            self._wanted[id(given)] = (given, self.input(("drawn", position), aval, SAMPLE))
-        return self._wanted[id(given)][1]
+            self._random_arrays[id(operand)] = (operand, self.input(("drawn", position), aval, SAMPLE))
+        return self._random_arrays[id(operand)][1]
 
     def constants(self, array: Any) -> Values:
         """Numbers as values."""
@@ -106,9 +137,9 @@ class Flattener:
         places = [self.program.constant(bool(n) if numbers.dtype == bool else float(n)) for n in flat]
         return np.array(places, np.int64).reshape(numbers.shape)
 
-    def run(self, closed: Any, arguments: Sequence[Values | Drawn]) -> list[Values]:
+    def run(self, closed: Any, arguments: Sequence[Values | _RandomArray]) -> list[Values]:
         """Results of a function."""
-        return [self._ask(result) for result in self._run(closed, arguments)]
+        return [self._values(result) for result in self._run(closed, arguments)]
 
     def _run(self, closed: Any, arguments: Sequence[Any]) -> list[Any]:
         def results_of(equation: Any, inputs: list[Any]) -> list[Any]:
@@ -120,29 +151,31 @@ class Flattener:
 
         return primitives.evaluated(closed, arguments, self.constants, results_of)
 
-    def _postponed(self, equation: Any, inputs: list[Any]) -> list[Drawn] | None:
+    def _postponed(self, equation: Any, inputs: list[Any]) -> list[_RandomArray] | None:
         """Postpone an equation that depends only on random keys."""
-        if not any(isinstance(given, Drawn) for given in inputs) or equation.primitive.name.startswith("custom_"):
+        if not any(isinstance(operand, _RandomArray) for operand in inputs) or equation.primitive.name.startswith(
+            "custom_"
+        ):
             return None  # a function with derivatives of its own is looked into
         numbers: list[Any] = []
-        for given, atom in zip(inputs, equation.invars, strict=True):
-            if isinstance(given, Drawn):
-                numbers.append(given)
-            elif self._is_known(given):
-                flat = [self.program.constants[int(v)] for v in given.ravel()]
-                numbers.append(jnp.asarray(np.array(flat).reshape(given.shape), atom.aval.dtype))
+        for operand, atom in zip(inputs, equation.invars, strict=True):
+            if isinstance(operand, _RandomArray):
+                numbers.append(operand)
+            elif self._is_constant(operand):
+                flat = [self.program.constants[int(v)] for v in operand.ravel()]
+                numbers.append(jnp.asarray(np.array(flat).reshape(operand.shape), atom.aval.dtype))
             else:
                 return None
-        results = [Drawn(variable.aval) for variable in equation.outvars]
+        results = [_RandomArray(variable.aval) for variable in equation.outvars]
         self._equations.append((equation, numbers, results))
         return results
 
     def _equation(self, equation: Any, inputs: list[Any]) -> list[Any]:
         name = equation.primitive.name
-        called = primitives.called(equation)
-        if called is not None:
-            return self._run(called, inputs)
-        inputs = [self._ask(given) for given in inputs]
+        callee = primitives.callee(equation)
+        if callee is not None:
+            return self._run(callee, inputs)
+        inputs = [self._values(operand) for operand in inputs]
         if name in ("div", "rem") and jnp.issubdtype(equation.invars[0].aval.dtype, jnp.integer):
             return [self._elementwise(functools.partial(self._functions, f"whole_{name}"), *inputs)]
         if name in ("gt", "ge"):
@@ -169,7 +202,8 @@ class Flattener:
 
     def _reduce(self, operation: str, array: Values, axes: Sequence[int], start: float | bool = 0.0) -> Values:
         remaining = [axis for axis in range(array.ndim) if axis not in axes]
-        rows = array.transpose(*remaining, *axes).reshape(*(array.shape[axis] for axis in remaining), -1)
+        shape, terms_a_row = [array.shape[axis] for axis in remaining], math.prod(array.shape[axis] for axis in axes)
+        rows = array.transpose(*remaining, *axes).reshape(math.prod(shape), terms_a_row)
         do = functools.partial(self.program.apply, operation)
 
         def total(row: Values) -> Value:
@@ -178,8 +212,7 @@ class Flattener:
                 terms = [functools.reduce(do, terms[i : i + 2]) for i in range(0, len(terms), 2)]
             return functools.reduce(do, terms)
 
-        flat = [total(row) for row in rows.reshape(-1, rows.shape[-1])]
-        return np.array(flat, np.int64).reshape(rows.shape[:-1])
+        return np.array([total(row) for row in rows], np.int64).reshape(shape)
 
     def _do_cumsum(self, equation: Any, a: Values) -> Values:
         axis, reverse = primitives.running(equation)
@@ -193,19 +226,19 @@ class Flattener:
         """Let the operation move the numbers of the values."""
         return [np.asarray(result, np.int64) for result in primitives.moved(equation, inputs)]
 
-    def _known(self, values: Values) -> npt.NDArray[np.int64]:
-        if not self._is_known(values):
+    def _constant_numbers(self, values: Values) -> npt.NDArray[np.int64]:
+        if not self._is_constant(values):
             raise UnsupportedError("a place in an array that depends on what happens")
         constants = self.program.constants
         return np.array([int(constants[int(v)]) for v in values.ravel()], np.int64).reshape(values.shape)
 
-    def _is_known(self, values: Values) -> bool:
+    def _is_constant(self, values: Values) -> bool:
         return all(int(v) in self.program.constants for v in values.ravel())
 
     def _chosen(self, at: Value, rows: Sequence[Values]) -> Values:
         """The array whose number, from 0 on, is computed; the first or last one beyond the ends."""
-        if len(rows) > LONGEST_TABLE:
-            raise UnsupportedError(f"a choice among {len(rows)} places in an array (at most {LONGEST_TABLE})")
+        if len(rows) > _LONGEST_TABLE:
+            raise UnsupportedError(f"a choice among {len(rows)} places in an array (at most {_LONGEST_TABLE})")
         p, result = self.program, rows[-1]
         for i in reversed(range(len(rows) - 1)):
             takes = p.apply("le", at, p.constant(float(i)))
@@ -214,15 +247,15 @@ class Flattener:
 
     def _do_gather(self, equation: Any, operand: Values, indices: Values) -> Values:
         axis, p = primitives.gathered_axis(equation), self.program
-        if axis is None or self._is_known(indices):
-            where = self._known(indices)
+        if axis is None or self._is_constant(indices):
+            where = self._constant_numbers(indices)
             with jax.ensure_compile_time_eval():
                 moved = primitives.gathered(equation, operand, where, _UNUSED)
             if (moved == _UNUSED).any():
                 raise UnsupportedError("a place outside an array")
             return moved
         rows, fill = list(np.moveaxis(operand, axis, 0)), primitives.gathered_outside(equation)
-        taken = []
+        slices = []
         for at in indices.ravel().tolist():
             row = self._chosen(at, rows)
             if fill is not None:
@@ -230,17 +263,17 @@ class Flattener:
                     "or", p.apply("lt", at, p.constant(0.0)), p.apply("lt", p.constant(len(rows) - 1.0), at)
                 )
                 row = self._elementwise(lambda x, o=outside: p.apply("select", o, p.constant(fill), x), row)
-            taken.append(row)
+            slices.append(row)
         batch, of_row = indices.ndim - 1, operand.ndim - 1
-        result = np.array(taken, np.int64).reshape((*indices.shape[:-1], *rows[0].shape))
+        result = np.array(slices, np.int64).reshape((*indices.shape[:-1], *rows[0].shape))
         return np.moveaxis(result, range(batch, batch + of_row), primitives.gathered_offsets(equation))
 
     def _do_scatter(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
-        (moved,) = self._move(equation, [operand, self._known(indices), updates])
+        (moved,) = self._move(equation, [operand, self._constant_numbers(indices), updates])
         return moved
 
     def _do_scatter_add(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
-        places = primitives.scatter_places(equation, operand.shape, self._known(indices), updates.shape)
+        places = primitives.scatter_places(equation, operand.shape, self._constant_numbers(indices), updates.shape)
         result = operand.copy()
         add = functools.partial(self.program.apply, "add")
         result.ravel()[places] = self._elementwise(add, operand.ravel()[places], updates)
@@ -249,8 +282,8 @@ class Flattener:
     def _do_dynamic_slice(self, equation: Any, operand: Values, *starts: Values) -> Values:
         for axis, (start, size) in enumerate(zip(starts, primitives.slice_sizes(equation), strict=True)):
             last = operand.shape[axis] - size
-            if self._is_known(start):
-                at = min(max(int(self._known(start)), 0), last)
+            if self._is_constant(start):
+                at = min(max(int(self._constant_numbers(start)), 0), last)
                 operand = operand.take(range(at, at + size), axis)
             else:
                 windows = [operand.take(range(at, at + size), axis) for at in range(last + 1)]
@@ -306,7 +339,7 @@ class Flattener:
         result = [self.run(branch, arguments) for branch in primitives.branches(equation)]
         return [self._chosen(int(which), results) for results in zip(*result, strict=True)]
 
-    def _do_argmax(self, equation: Any, a: Values, *, least: bool = False) -> Values:
+    def _do_argmax(self, equation: Any, a: Values, *, smallest: bool = False) -> Values:
         (axis,), p = primitives.axes(equation), self.program
         rows = np.moveaxis(a, axis, -1)
 
@@ -314,7 +347,7 @@ class Flattener:
             best, place = p.apply("number", int(row[0])), p.constant(0.0)
             for i, element in enumerate(row[1:], start=1):
                 value = p.apply("number", int(element))
-                better = p.apply("lt", *((value, best) if least else (best, value)))
+                better = p.apply("lt", *((value, best) if smallest else (best, value)))
                 if self.program.types[int(element)] == FLOAT:  # what is no number counts as the best
                     new = p.apply("and", p.apply("ne", value, value), p.apply("eq", best, best))
                     better = p.apply("or", better, new)
@@ -324,7 +357,7 @@ class Flattener:
         flat = [first_best(row) for row in rows.reshape(-1, rows.shape[-1])]
         return np.array(flat, np.int64).reshape(rows.shape[:-1])
 
-    _do_argmin = functools.partialmethod(_do_argmax, least=True)
+    _do_argmin = functools.partialmethod(_do_argmax, smallest=True)
 
     def _do_convert_element_type(self, equation: Any, a: Values) -> Values:
         source, target = equation.invars[0].aval.dtype, primitives.new_dtype(equation)
@@ -353,34 +386,34 @@ class Flattener:
         loop = primitives.scan(equation)
         if loop.length == 0:
             raise UnsupportedError("a loop of 0 rounds")
-        small = loop.length <= FEW_ROUNDS or loop.length * primitives.work(loop.round) <= LARGEST_LOOP
-        if loop.length <= LONGEST_LOOP and small:
-            return primitives.rounds(loop, inputs, lambda given: self.run(loop.round, given))
+        small = loop.length <= _FEW_ROUNDS or loop.length * primitives.work(loop.round) <= _LARGEST_LOOP
+        if loop.length <= _LONGEST_LOOP and small:
+            return primitives.rounds(loop, inputs, lambda operands: self.run(loop.round, operands))
         constants, rest = inputs[: loop.constants], inputs[loop.constants :]
-        rows = [array[::-1] if loop.reverse else array for array in rest[loop.carried :]]
+        rows = [array[::-1] if loop.reverse else array for array in rest[loop.carry :]]
 
-        def round_(carried: list[Values], row: list[Values]) -> tuple[list[Values], list[Values]]:
-            results = self.run(loop.round, [*constants, *carried, *row])
-            return results[: loop.carried], results[loop.carried :]
+        def round_(carry: list[Values], row: list[Values]) -> tuple[list[Values], list[Values]]:
+            results = self.run(loop.round, [*constants, *carry, *row])
+            return results[: loop.carry], results[loop.carry :]
 
-        last, stacked = self._rounds(round_, rest[: loop.carried], rows, loop.length)
+        last, stacked = self._rounds(round_, rest[: loop.carry], rows, loop.length)
         return [*last, *(array[::-1] if loop.reverse else array for array in stacked)]
 
     def _do_while(self, equation: Any, *inputs: Values) -> list[Values]:
         (condition, of_condition), (closed, of_round) = primitives.while_loop(equation)
-        known, constants = inputs[:of_condition], inputs[of_condition : of_condition + of_round]
+        condition_constants, constants = inputs[:of_condition], inputs[of_condition : of_condition + of_round]
         start = list(inputs[of_condition + of_round :])
         do = self.program.apply
 
-        def round_(carried: list[Values], row: list[Values]) -> tuple[list[Values], list[Values]]:
-            *held, going = carried
-            new = self.run(closed, [*constants, *held])
+        def round_(carry: list[Values], row: list[Values]) -> tuple[list[Values], list[Values]]:
+            *state, going = carry
+            new = self.run(closed, [*constants, *state])
             frozen = functools.partial(do, "select", int(going))
-            kept = [self._elementwise(frozen, after, before) for after, before in zip(new, held, strict=True)]
-            (goes_on,) = self.run(condition, [*known, *kept])
-            return [*kept, self._elementwise(functools.partial(do, "and"), going, goes_on)], row
+            next_state = [self._elementwise(frozen, after, before) for after, before in zip(new, state, strict=True)]
+            (holds,) = self.run(condition, [*condition_constants, *next_state])
+            return [*next_state, self._elementwise(functools.partial(do, "and"), going, holds)], row
 
-        *last, _ = self._rounds(round_, [*start, *self.run(condition, [*known, *start])], [], None)[0]
+        *last, _ = self._rounds(round_, [*start, *self.run(condition, [*condition_constants, *start])], [], None)[0]
         return last
 
 

@@ -6,7 +6,7 @@ and sums the series of the inverse hyperbolic tangent. `sin` and `cos` take mult
 rounding, `atan2` is a polynomial up to the tangent of pi/8, and `cbrt` two steps of Newton's method. Against NumPy they
 differ by a few units in the last place. `rem` and what makes numbers whole are exact.
 
-Arguments so large that more digits would be needed give what is not a number: `sin`, `cos` and `tan` beyond 2.2e14
+Arguments so large that more digits would be needed give NaN: `sin`, `cos` and `tan` beyond 2.2e14
 (4.1e5 in single precision), and `rem` with a quotient beyond 2^50 (2^21).
 
 References
@@ -37,9 +37,9 @@ FURTHEST_WHOLE: Final = 2.0**30
 """Bound on whole numbers that are made from real ones."""
 
 
-def _polynomial(wanted: Callable[[np.ndarray], np.ndarray], degree: int, low: float, high: float) -> list[float]:
+def _polynomial(function: Callable[[np.ndarray], np.ndarray], degree: int, low: float, high: float) -> list[float]:
     """Coefficients of a polynomial near a function between two bounds, the highest power first."""
-    result = np.polynomial.Chebyshev.interpolate(wanted, degree, [low, high])
+    result = np.polynomial.Chebyshev.interpolate(function, degree, [low, high])
     return [float(c) for c in result.convert(kind=np.polynomial.Polynomial).coef[::-1]]
 
 
@@ -160,17 +160,17 @@ class Functions:
 
     def __call__(self, name: str, *arguments: Value) -> Value:
         """The value of a function by name; of constants it is computed here."""
-        known = self._p.constants
-        if name in _OF_CONSTANTS and all(a in known for a in arguments):
+        constants = self._p.constants
+        if name in _OF_CONSTANTS and all(a in constants for a in arguments):
             with np.errstate(all="ignore"):
-                return self._p.constant(float(_OF_CONSTANTS[name](*(np.float64(known[a]) for a in arguments))))
+                return self._p.constant(float(_OF_CONSTANTS[name](*(np.float64(constants[a]) for a in arguments))))
         value: Value = getattr(self, name)(*arguments)
         return value
 
     def _do(self, operation: str, *arguments: Value | float) -> Value:
         """An operation on values and constants; a whole number among them is a value."""
-        given = (self._p.constant(a) if isinstance(a, float) else a for a in arguments)
-        return self._p.apply(operation, *given)
+        operands = (self._p.constant(a) if isinstance(a, float) else a for a in arguments)
+        return self._p.apply(operation, *operands)
 
     def _polynomial(self, x: Value, coefficients: Sequence[float]) -> Value:
         """Horner's rule, the highest power first."""
@@ -227,7 +227,7 @@ class Functions:
         return self._do("div", 1.0, self._do("add", self("exp", self._do("neg", x)), 1.0))
 
     def log(self, x: Value) -> Value:
-        """The natural logarithm; minus infinity at zero, not a number below."""
+        """The natural logarithm; minus infinity at zero, NaN below."""
         do = self._do
         mantissa, exponent = do("mantissa", x), do("exponent", x)
         high = do("lt", math.sqrt(2.0), mantissa)
@@ -279,7 +279,7 @@ class Functions:
         return self._rounded(x, self._do("add", below, up))
 
     def sign(self, x: Value) -> Value:
-        """1 or -1, or x itself if it is zero or not a number."""
+        """1 or -1, or x itself if it is zero or NaN."""
         low = self._do("select", self._do("lt", x, 0.0), -1.0, x)
         return self._do("select", self._do("lt", 0.0, x), 1.0, low)
 
@@ -288,7 +288,7 @@ class Functions:
         return self._do("neg", self._do("floor", self._do("neg", x)))
 
     def whole(self, x: Value) -> Value:
-        """The whole number next to x towards zero, within `FURTHEST_WHOLE`; zero of what is not a number."""
+        """The whole number next to x towards zero, within `FURTHEST_WHOLE`; zero for NaN."""
         near = self._do("select", self._do("eq", x, x), self._limited(x, FURTHEST_WHOLE), 0.0)
         below = self._do("floor", near)
         cut = self._do("and", self._do("lt", near, 0.0), self._do("ne", below, near))
@@ -298,9 +298,9 @@ class Functions:
         """Two numbers of half as many bits, whose sum is x (Dekker)."""
         factor = 2.0 ** ((self._constants.bits + 2) // 2) + 1.0
         if x in self._p.constants:  # in the precision of the target
-            known = self._number(self._p.constants[x])
-            high = self._number(factor) * known - (self._number(factor) * known - known)
-            return self._p.constant(float(high)), self._p.constant(float(known - high))
+            number = self._number(self._p.constants[x])
+            high = self._number(factor) * number - (self._number(factor) * number - number)
+            return self._p.constant(float(high)), self._p.constant(float(number - high))
         scaled = self._do("mul", x, factor)
         first = self._do("exact_sub", scaled, self._do("exact_sub", scaled, x))
         return first, self._do("exact_sub", x, first)
@@ -321,8 +321,8 @@ class Functions:
         rest = self._less(a, n, b)
         rest = do("select", do("lt", rest, 0.0), do("add", rest, b), rest)
         rest = do("select", do("lt", a, b), a, rest)
-        known = do("lt", n, 2.0 ** (self._constants.bits - 2))
-        return do("copy_sign", do("select", known, rest, math.nan), x)
+        exact = do("lt", n, 2.0 ** (self._constants.bits - 2))
+        return do("copy_sign", do("select", exact, rest, math.nan), x)
 
     def whole_rem(self, x: Value, y: Value) -> Value:
         """Remainder of whole numbers; x where y is zero."""
@@ -349,20 +349,20 @@ class Functions:
         return sine, cosine, do("exact_sub", n, turns)
 
     def sin(self, x: Value) -> Value:
-        """The sine; not a number where x is too large for it."""
+        """The sine; NaN where x is too large for it."""
         do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
         size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), cosine, sine)
         size = do("select", do("lt", n, 2.0), size, do("neg", size))
         return do("mul", size, do("copy_sign", 1.0, x))
 
     def cos(self, x: Value) -> Value:
-        """The cosine; not a number where x is too large for it."""
+        """The cosine; NaN where x is too large for it."""
         do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
         size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), sine, cosine)
         return do("select", do("or", do("eq", n, 1.0), do("eq", n, 2.0)), do("neg", size), size)
 
     def tan(self, x: Value) -> Value:
-        """The tangent; not a number where x is too large for it."""
+        """The tangent; NaN where x is too large for it."""
         return self._do("div", self("sin", x), self("cos", x))
 
     def atan2(self, y: Value, x: Value) -> Value:
@@ -377,8 +377,8 @@ class Functions:
         angle = do("add", s, do("mul", do("mul", s, u), self._polynomial(u, self._constants.polynomials["atan"])))
         angle = do("select", far, do("add", angle, math.pi / 4.0), angle)
         angle = do("select", do("lt", a, b), do("sub", math.pi / 2.0, angle), angle)
-        left = do("lt", do("copy_sign", 1.0, x), 0.0)
-        return do("copy_sign", do("select", left, do("sub", math.pi, angle), angle), y)
+        negative = do("lt", do("copy_sign", 1.0, x), 0.0)
+        return do("copy_sign", do("select", negative, do("sub", math.pi, angle), angle), y)
 
     def cbrt(self, x: Value) -> Value:
         """The cube root."""

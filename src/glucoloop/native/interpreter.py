@@ -16,7 +16,7 @@ from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, DOES, OF_WORDS, WORD, Block, LoopForm, Program, Value
 
 Array = npt.NDArray[Any]
-Step = tuple[int, Callable[..., Any], Sequence[int]]
+_Step = tuple[int, Callable[..., Any], Sequence[int]]
 """Place of a result, what finds it, and places of the arguments."""
 
 _KINDS: Final[dict[str, type[np.generic]]] = {BOOL: np.bool_, WORD: np.uint32}
@@ -71,14 +71,14 @@ class Interpreter:
         people = next((np.shape(rows)[-1] for rows in groups.values()), 1)
         values: list[Any] = [None] * (self._size + 2)  # the last two: what nothing needs, and the list itself
         values[-1] = values
-        for name, given in groups.items():
-            rows = np.asarray(given, self._number)
+        for name, array in groups.items():
+            rows = np.asarray(array, self._number)
             if len(rows) != self._rows[name]:
                 raise ValueError(f"{name} has {len(rows)} rows, and the function takes {self._rows[name]}")
             for row, at, kind in self._inputs[name]:
                 values[at] = rows[row].astype(_KINDS.get(kind, self._number))
-        for at, known in self._constants:
-            values[at] = known
+        for at, constant in self._constants:
+            values[at] = constant
         with np.errstate(all="ignore"):
             _carry_out(self._steps, values)
 
@@ -92,44 +92,44 @@ class Interpreter:
         return next_carry, outputs
 
 
-def _carry_out(steps: Sequence[Step], values: list[Any]) -> None:
+def _carry_out(steps: Sequence[_Step], values: list[Any]) -> None:
     for at, does, arguments in steps:
         values[at] = does(*[values[a] for a in arguments])
 
 
 def _go_round(
     loop: LoopForm,
-    steps: Sequence[Step],
+    steps: Sequence[_Step],
     inputs: Sequence[Sequence[int]],
     groups: Sequence[Sequence[int]],
     values: list[Any],
 ) -> list[Any]:
     """All parts of a loop, by the places of its inputs and of the groups of its arguments."""
-    (carried, row), (start, following, rows, given) = inputs, groups
-    last, made = [values[at] for at in start], list[Any]()
+    (carry, row), (start, following, rows, outputs) = inputs, groups
+    last, stacked = [values[at] for at in start], list[Any]()
     for k in itertools.count():
         if k == loop.length or (loop.over and np.all(last[loop.over[0]] == loop.over[1])):
             break
-        for at, value in zip(carried, last, strict=True):
+        for at, value in zip(carry, last, strict=True):
             values[at] = value
         for at, source in zip(row, rows[k * len(row) :], strict=False):
             values[at] = values[source]
         _carry_out(steps, values)
         last = [values[at] for at in following]
-        made += [values[at] for at in given]
-    return [*last, *made]
+        stacked += [values[at] for at in outputs]
+    return [*last, *stacked]
 
 
-def _steps(program: Program, body: Block, place: Mapping[Value, int], precision: str) -> list[Step]:
+def _steps(program: Program, body: Block, place: Mapping[Value, int], precision: str) -> list[_Step]:
     """Operations of a body, each with the place of its result and those of its arguments."""
-    steps: list[Step] = []
+    steps: list[_Step] = []
     for step in body.steps:
         if isinstance(step, Block):
             assert step.value is not None
             loop = program.loops[step.value]
             inputs, groups = (
                 [[place.get(v, -2) for v in group] for group in groups]
-                for groups in ((loop.carried, loop.rows), loop.groups(program.operations[step.value][1]))
+                for groups in ((loop.carry, loop.rows), loop.groups(program.operations[step.value][1]))
             )
             inside = _steps(program, step, place, precision)
             steps.append((place[step.value], functools.partial(_go_round, loop, inside, inputs, groups), [-1]))
@@ -147,20 +147,20 @@ def _operation(
 ) -> tuple[Callable[..., Any], list[int]]:
     """Function of an operation, and the places of its arguments."""
     operation, arguments = program.operations[value]
-    given = [place[a] for a in arguments]
+    operands = [place[a] for a in arguments]
     if operation in ("max", "min"):
         # as every target does it: a constant comes first
-        order = given[::-1] if arguments[1] in program.constants else given
+        order = operands[::-1] if arguments[1] in program.constants else operands
         return (larger if operation == "max" else smaller), order
     if operation == "number":
-        return functools.partial(np.asarray, dtype=precision), given
+        return functools.partial(np.asarray, dtype=precision), operands
     if operation in ("mantissa", "exponent", "power_of_two"):
-        return functools.partial(_bits, operation, precision), given
+        return functools.partial(_bits, operation, precision), operands
     if operation == "word":
-        return lambda x: np.asarray(x, np.int64).astype(np.uint32), given
+        return lambda x: np.asarray(x, np.int64).astype(np.uint32), operands
     if operation == "number_of_bits":
-        return _number_of_bits, given
-    return {**DOES, **OF_WORDS}[operation], given
+        return _number_of_bits, operands
+    return {**DOES, **OF_WORDS}[operation], operands
 
 
 def _number_of_bits(high: Array, low: Array) -> Array:

@@ -49,47 +49,45 @@ class LoopMaker:
         if length is None:  # the truth that ends the loop stands for itself
             number[-1] = first.size - 1
         while True:
-            carried = {
-                n: p.input(("carried", home, n), SAMPLE, p.types[first[n]], home) for n in number if n is not None
-            }
-            inputs = [int(x) if n is None else carried[n] for x, n in zip(first, number, strict=True)]
-            following, given = round_(_apart(np.array(inputs, np.int64), start), _apart(row, [r[0] for r in rows]))
+            carry = {n: p.input(("carried", home, n), SAMPLE, p.types[first[n]], home) for n in number if n is not None}
+            inputs = [int(x) if n is None else carry[n] for x, n in zip(first, number, strict=True)]
+            following, outputs = round_(_apart(np.array(inputs, np.int64), start), _apart(row, [r[0] for r in rows]))
             after, before = _joined(following).tolist(), number
             states = list(zip(before, first.tolist(), after, strict=True))
             number = [None if n is None and x == then else states.index((n, x, then)) for n, x, then in states]
             if number == before:
                 break
         self._home = outside
-        results = _joined(given)
+        results = _joined(outputs)
         changing = dict.fromkeys(int(v) for v in results if p.homes[v] == home)
-        over = (len(carried) - 1, False) if length is None else None
+        over = (len(carry) - 1, False) if length is None else None
         if not changing:
-            over = over or self._settling(list(carried.values()), [after[n] for n in carried])
-        loop = LoopForm(home, length, over, tuple(carried.values()), tuple(row_inputs.values()))
+            over = over or self._settling(list(carry.values()), [after[n] for n in carry])
+        loop = LoopForm(home, length, over, tuple(carry.values()), tuple(row_inputs.values()))
         arguments = [
-            *(int(first[n]) for n in carried),
-            *(after[n] for n in carried),
+            *(int(first[n]) for n in carry),
+            *(after[n] for n in carry),
             *(int(x) for k in range(length or 0) for x in each[list(row_inputs), k]),
             *changing,
         ]
         value = p.loop(loop, arguments)
-        part = {n: p.part(value, i) for i, n in enumerate(carried)}
+        part = {n: p.part(value, i) for i, n in enumerate(carry)}
         ends = [int(x) if n is None else part[n] for x, n in zip(first, number, strict=True)]
         place = {v: i for i, v in enumerate(changing)}
 
         def at(k: int) -> Values:
-            begin = len(carried) + k * len(changing)
+            begin = len(carry) + k * len(changing)
             return np.array([p.part(value, begin + place[v]) if v in place else v for v in results.tolist()], np.int64)
 
-        of_rounds = [_apart(at(k), given) for k in range(length or 0)]
+        of_rounds = [_apart(at(k), outputs) for k in range(length or 0)]
         stacked = [np.stack(parts) for parts in zip(*of_rounds, strict=True)]
         return _apart(np.array(ends, np.int64), start), stacked
 
-    def _settling(self, carried: Sequence[Value], following: Sequence[Value]) -> tuple[int, bool] | None:
+    def _settling(self, carry: Sequence[Value], following: Sequence[Value]) -> tuple[int, bool] | None:
         """Place of a truth, and that it holds, with which a round leaves all that is carried as it is."""
         formed = [self._program.operations[v] for v in following]
-        for place, truth in enumerate(carried):
-            if all(form[0] == "select" and form[1][:2] == (truth, v) for form, v in zip(formed, carried, strict=True)):
+        for place, truth in enumerate(carry):
+            if all(form[0] == "select" and form[1][:2] == (truth, v) for form, v in zip(formed, carry, strict=True)):
                 return place, True
         return None
 

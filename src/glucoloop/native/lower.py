@@ -13,8 +13,7 @@ from typing import Any
 import jax
 
 from glucoloop.native.divisions import share_divisions
-from glucoloop.native.drawing import Drawing
-from glucoloop.native.flatten import Flattener
+from glucoloop.native.flatten import Drawing, Flattener
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.loops import Values
 from glucoloop.native.program import PERSON, SAMPLE, Program, Value
@@ -104,9 +103,9 @@ def lower(
     part of the program. `flattener` takes the function apart. `UnsupportedError` names an operation that straight-line
     code cannot express.
     """
-    given = jax.eval_shape(lambda *groups: groups, person, carry, own, shared, rng)
-    closed, (next_carry, outputs) = jax.make_jaxpr(step, return_shape=True)(*given)
-    before, after = ([leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (given[1], next_carry))
+    examples = jax.eval_shape(lambda *groups: groups, person, carry, own, shared, rng)
+    closed, (next_carry, outputs) = jax.make_jaxpr(step, return_shape=True)(*examples)
+    before, after = ([leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (examples[1], next_carry))
     if before != after:
         raise TypeError(f"the state has leaves of shapes {before} before a sample, but {after} after it")
     program = Program(as_written=as_written)
@@ -114,11 +113,11 @@ def lower(
     levels = {"person": PERSON, "carry": SAMPLE, "own": SAMPLE, "shared": SAMPLE}
     inputs = {
         name: [flat.input((name, i), leaf, level) for i, leaf in enumerate(jax.tree.leaves(tree))]
-        for (name, level), tree in zip(levels.items(), given[:4], strict=True)
+        for (name, level), tree in zip(levels.items(), examples[:4], strict=True)
     }
-    keys = [flat.random_input(leaf) for leaf in jax.tree.leaves(given[4])]
+    keys = [flat.random_input(leaf) for leaf in jax.tree.leaves(examples[4])]
     results = flat.run(closed, [*(leaf for group in inputs.values() for leaf in group), *keys])
-    drawing, drawn = flat.drawing()
+    drawing, random_numbers = flat.drawing()
     program, place = share_divisions(program, _flat(results))
 
     def placed(values: Sequence[Values]) -> list[Value]:
@@ -127,12 +126,12 @@ def lower(
     layout = Layout(
         person=placed(inputs["person"]),
         carry=placed(inputs["carry"]),
-        own=placed([*inputs["own"], *drawn]),
+        own=placed([*inputs["own"], *random_numbers]),
         shared=placed(inputs["shared"]),
         next_carry=placed(results[: len(before)]),
         outputs=placed(results[len(before) :]),
     )
-    shapes = Shapes(person=given[0], carry=next_carry, own=given[2], shared=given[3], outputs=outputs)
+    shapes = Shapes(person=examples[0], carry=next_carry, own=examples[2], shared=examples[3], outputs=outputs)
     return Lowered(program=program, layout=layout, shapes=shapes, drawing=drawing, precision=precision)
 
 

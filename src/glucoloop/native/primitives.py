@@ -126,7 +126,7 @@ def of_keys(equation: Any) -> Any:
     return jax.make_jaxpr(lambda key: prng.random_bits(key, _parameter(equation, "bit_width"), shape))(key)
 
 
-def called(equation: Any) -> Any:
+def callee(equation: Any) -> Any:
     """Function that an equation calls, with its constants; None if the equation is not a call."""
     holder = CALLS.get(equation.primitive.name)
     return None if holder is None else _closed(_parameter(equation, holder))
@@ -164,7 +164,7 @@ def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray
 
 
 @dataclass(frozen=True)
-class Scan:
+class _Scan:
     """A loop of known length. Its inputs are constants, what is carried, and what is taken row by row, in this order.
 
     Each round takes the constants, what is carried and a row; it gives what is carried on, and a row of results.
@@ -175,41 +175,41 @@ class Scan:
     reverse: bool
     constants: int
     """Number of inputs that are constants."""
-    carried: int
+    carry: int
     """Number of inputs that are carried."""
 
 
-def scan(equation: Any) -> Scan:
+def scan(equation: Any) -> _Scan:
     """The parts of a ``scan``."""
     params = equation.params
     if "num_consts" in params and "num_carry" in params:  # up to JAX 0.10
-        constants, carried = params["num_consts"], params["num_carry"]
+        constants, carry = params["num_consts"], params["num_carry"]
     else:  # from JAX 0.11: a tree of three groups
         try:
-            constants, carried, rows = map(len, _parameter(equation, "ft_in").unpack())
+            constants, carry, rows = map(len, _parameter(equation, "ft_in").unpack())
         except (AttributeError, TypeError, ValueError):
             raise _unknown(equation) from None
-        if constants + carried + rows != len(equation.invars):
+        if constants + carry + rows != len(equation.invars):
             raise _unknown(equation)
-    return Scan(
+    return _Scan(
         round=_closed(_parameter(equation, "jaxpr")),
         length=_parameter(equation, "length"),
         reverse=_parameter(equation, "reverse"),
         constants=constants,
-        carried=carried,
+        carry=carry,
     )
 
 
 def rounds(
-    loop: Scan, inputs: Sequence[npt.NDArray[Any]], results_of: Callable[[list[npt.NDArray[Any]]], list[Any]]
+    loop: _Scan, inputs: Sequence[npt.NDArray[Any]], results_of: Callable[[list[npt.NDArray[Any]]], list[Any]]
 ) -> list[npt.NDArray[Any]]:
     """Results of a loop on arrays, from the results of one round after another."""
     constants, rest = inputs[: loop.constants], inputs[loop.constants :]
-    carry, each = list(rest[: loop.carried]), rest[loop.carried :]
+    carry, each = list(rest[: loop.carry]), rest[loop.carry :]
     stacked: dict[int, list[npt.NDArray[Any]]] = {}
     for k in reversed(range(loop.length)) if loop.reverse else range(loop.length):
         results = results_of([*constants, *carry, *(array[k] for array in each)])
-        carry, stacked[k] = results[: loop.carried], results[loop.carried :]
+        carry, stacked[k] = results[: loop.carry], results[loop.carry :]
     return [*carry, *(np.stack(rows) for rows in zip(*(stacked[k] for k in range(loop.length)), strict=True))]
 
 
@@ -223,7 +223,7 @@ def work(closed: Any) -> int:
     """Number of operations on numbers in a function, about; a loop of unknown length counts as one round."""
     total = 0
     for equation in closed.jaxpr.eqns:
-        inner, times = called(equation), 1
+        inner, times = callee(equation), 1
         match equation.primitive.name:
             case "scan":
                 loop = scan(equation)
@@ -272,7 +272,7 @@ def new_dtype(equation: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Product:
+class _Product:
     """The axes of the two factors of a product of arrays."""
 
     summed: tuple[tuple[int, ...], tuple[int, ...]]
@@ -283,15 +283,15 @@ class Product:
     """The other axes of the left and of the right factor."""
 
 
-def dot_general(equation: Any) -> Product:
+def dot_general(equation: Any) -> _Product:
     """The axes of a ``dot_general``, whose result has those in common, then the free ones."""
     summed, batched = _parameter(equation, "dimension_numbers")
     axes = (range(len(factor.aval.shape)) for factor in equation.invars)
     left, right = (
-        tuple(axis for axis in of_each if axis not in (*taken, *common))
-        for of_each, taken, common in zip(axes, summed, batched, strict=True)
+        tuple(axis for axis in of_each if axis not in (*contracted, *common))
+        for of_each, contracted, common in zip(axes, summed, batched, strict=True)
     )
-    return Product(summed=summed, batched=batched, free=(left, right))
+    return _Product(summed=summed, batched=batched, free=(left, right))
 
 
 def gathered(
@@ -360,7 +360,7 @@ def running(equation: Any) -> tuple[int, bool]:
 
 
 @dataclass(frozen=True)
-class Triangular:
+class _Triangular:
     """Flags of a ``triangular_solve``."""
 
     left: bool
@@ -370,10 +370,10 @@ class Triangular:
     unit_diagonal: bool
 
 
-def triangular(equation: Any) -> Triangular:
+def triangular(equation: Any) -> _Triangular:
     """The flags of a ``triangular_solve``."""
     names = ("left_side", "lower", "transpose_a", "unit_diagonal")
-    return Triangular(*(bool(_parameter(equation, name)) for name in names))
+    return _Triangular(*(bool(_parameter(equation, name)) for name in names))
 
 
 def solver(equation: Any) -> tuple[Any, list[int]]:

@@ -96,7 +96,7 @@ class LoopForm:
     """Rounds of the same operations, which are those that depend on its inputs.
 
     The arguments of its operation are what is carried into the first round and what each round carries on, one for
-    each of `carried`; what is in the place of `rows` in the first round, in the second, and so on; and what each round
+    each of `carry`; what is in the place of `rows` in the first round, in the second, and so on; and what each round
     gives. Its parts are what the last round carries on, then what the first round gave, the second, and so on.
     """
 
@@ -108,13 +108,13 @@ class LoopForm:
 
     Before the first round and after each the rounds end if it has that value for everybody. None: all are carried out.
     """
-    carried: tuple[Value, ...]
+    carry: tuple[Value, ...]
     rows: tuple[Value, ...]
     """Inputs of a round."""
 
     def groups(self, arguments: Sequence[Value]) -> tuple[Sequence[Value], ...]:
         """Arguments for the first round, those carried on, those of the rows of all rounds, and what rounds give."""
-        n, rows = len(self.carried), (self.length or 0) * len(self.rows)
+        n, rows = len(self.carry), (self.length or 0) * len(self.rows)
         return arguments[:n], arguments[n : 2 * n], arguments[2 * n : 2 * n + rows], arguments[2 * n + rows :]
 
 
@@ -145,7 +145,7 @@ class Program:
         self.homes: list[Home] = []
         self.loops: dict[Value, LoopForm] = {}
         """Loops by their operations."""
-        self._known: dict[object, Value] = {}
+        self._by_key: dict[object, Value] = {}
 
     def input(self, name: object, level: int, kind: str = FLOAT, home: Home = ()) -> Value:
         """An input value, of the program or of a round of a loop."""
@@ -174,9 +174,9 @@ class Program:
     def apply(self, operation: str, *arguments: Value) -> Value:
         """The value of an operation."""
         if operation in _OF_CONSTANTS and all(a in self.constants for a in arguments):
-            known = [np.uint32(self.constants[a]) if self.types[a] == WORD else self.constants[a] for a in arguments]
+            numbers = [np.uint32(self.constants[a]) if self.types[a] == WORD else self.constants[a] for a in arguments]
             with np.errstate(all="ignore"):
-                result: float | bool = _OF_CONSTANTS[operation](*known).item()
+                result: float | bool = _OF_CONSTANTS[operation](*numbers).item()
             return self.word(int(result)) if operation in OF_WORDS else self.constant(result)
         simpler = self._simplified(operation, arguments)
         if simpler is not None:
@@ -197,13 +197,13 @@ class Program:
     def part(self, value: Value, number: int) -> Value:
         """A result of a loop."""
         loop, arguments = self.loops[value], self.operations[value][1]
-        _, following, _, given = loop.groups(arguments)
-        of = following[number] if number < len(following) else given[(number - len(following)) % len(given)]
+        _, following, _, outputs = loop.groups(arguments)
+        of = following[number] if number < len(following) else outputs[(number - len(following)) % len(outputs)]
         arguments = value, self.constant(float(number))
         return self._new(("part", arguments), "part", arguments, self.types[of], SAMPLE)
 
     def _new(self, key: object, operation: str, arguments: tuple[Value, ...], kind: str, level: int) -> Value:
-        place = self._known.setdefault(key, len(self.operations))
+        place = self._by_key.setdefault(key, len(self.operations))
         if place == len(self.operations):
             self.operations.append((operation, arguments))
             self.types.append(kind)
@@ -241,8 +241,8 @@ class Program:
                 # divided once, not at every sample
                 return self.apply("mul", a, self.apply("div", self.constant(1.0), b))
             case "and" | "or" if of_a is not None or of_b is not None:
-                known, other = (of_a, b) if of_a is not None else (of_b, a)
-                return other if known == (operation == "and") else self.constant(operation == "or")
+                constant, other = (of_a, b) if of_a is not None else (of_b, a)
+                return other if constant == (operation == "and") else self.constant(operation == "or")
             case "select" if of_a is not None:
                 return arguments[1] if of_a else arguments[2]
             case "select" if arguments[1] == arguments[2]:

@@ -1,6 +1,6 @@
 """Random numbers as a scalar program: what JAX draws from a key, bit by bit, in words of 32 bits.
 
-A `Drawing` is lowered like any other function, with what `WordFlattener` adds to it. Keys and whole numbers of 64 bits
+A `Drawing` is lowered like any other function, with what `_WordFlattener` adds to it. Keys and whole numbers of 64 bits
 are pairs of words. How JAX splits keys, folds numbers into them and draws bits from them is asked of JAX itself, and
 `glucoloop.threefry` has the function of their bits that it all comes to. Numbers are of double precision, as those that
 one person's loop draws.
@@ -16,8 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.native import primitives
-from glucoloop.native.drawing import Drawing
-from glucoloop.native.flatten import MOVES, Flattener
+from glucoloop.native.flatten import MOVES, Drawing, Flattener
 from glucoloop.native.loops import Values
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.primitives import UnsupportedError
@@ -33,7 +32,7 @@ _OF_WORDS: Final = {
     "shift_left": "shift_left",
     "shift_right_logical": "shift_right",
 }
-_TAKEN: Final = MOVES | {
+_OTHER_OPERATIONS: Final = MOVES | {
     *primitives.CALLS, "scan", "gather", "dynamic_slice", "random_wrap", "random_unwrap", "threefry2x32",
     "convert_element_type", "bitcast_convert_type",
 }  # fmt: skip
@@ -52,10 +51,10 @@ def lower_drawing(drawing: Drawing, key: Any, index: Any, *, as_written: bool = 
         return index + 1, drawing(jax.random.wrap_key_data(words), index)
 
     words = jax.eval_shape(jax.random.key_data, key)
-    return lower(draw, words, index, (), (), as_written=as_written, flattener=WordFlattener)
+    return lower(draw, words, index, (), (), as_written=as_written, flattener=_WordFlattener)
 
 
-class WordFlattener(Flattener):
+class _WordFlattener(Flattener):
     """Evaluates a jaxpr with keys and whole numbers without sign, which are words or pairs of them."""
 
     def input(self, name: tuple[str, int], aval: Any, level: int) -> Values:
@@ -76,16 +75,16 @@ class WordFlattener(Flattener):
 
     def _equation(self, equation: Any, inputs: list[Any]) -> list[Any]:
         name, unsigned = equation.primitive.name, any(map(self._unsigned, inputs))
-        drawn = primitives.of_keys(equation)
-        if drawn is not None:
+        function = primitives.of_keys(equation)
+        if function is not None:
             keys, *rest = inputs
             if keys.size != 1:
                 raise UnsupportedError(f"the operation {name!r} of several keys at once")
-            (result,) = self._run(drawn, [self._do_random_unwrap(equation, keys).reshape(2), *rest])
+            (result,) = self._run(function, [self._do_random_unwrap(equation, keys).reshape(2), *rest])
             return [result if name == "random_bits" else self._do_random_wrap(equation, result)]
         if unsigned and name in _OF_WORDS:
             return [self._elementwise(functools.partial(self._of_words, name), *inputs)]
-        if unsigned and name not in _TAKEN:
+        if unsigned and name not in _OTHER_OPERATIONS:
             raise UnsupportedError(f"the operation {name!r} of whole numbers without sign")
         return super()._equation(equation, inputs)
 
@@ -143,7 +142,7 @@ class WordFlattener(Flattener):
 
     def _do_threefry2x32(self, equation: Any, *words: Values) -> list[Values]:
         del equation
-        examples = [np.zeros(given.shape, np.uint32) for given in words]
+        examples = [np.zeros(word.shape, np.uint32) for word in words]
         closed = jax.make_jaxpr(lambda k, h, x, y: threefry_2x32((k, h), x, y))(*examples)
         return self._run(closed, words)
 
@@ -165,8 +164,8 @@ class WordFlattener(Flattener):
         return super()._do_convert_element_type(equation, a)
 
     def _word(self, x: Value) -> Value:
-        known = self.program.constants.get(x)
-        return self.program.apply("word", x) if known is None else self.program.word(int(known))
+        constant = self.program.constants.get(x)
+        return self.program.apply("word", x) if constant is None else self.program.word(int(constant))
 
     def _do_bitcast_convert_type(self, equation: Any, a: Values) -> Values:
         source, target = equation.invars[0].aval.dtype, primitives.new_dtype(equation)

@@ -18,11 +18,7 @@ L. Vandenberghe, The CVXOPT linear and quadratic cone program solvers, 2010 (sta
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
-from jax import Array
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.qp.two_moves import minimise_one_move, minimise_two_moves
 from glucoloop.refusal import Refusal
@@ -32,15 +28,15 @@ from glucoloop.refusal import Refusal
 class QPSolution:
     """Answer of `solve_qp`."""
 
-    x: Array
+    x: jax.Array
     """The minimiser, or the last iterate if the method did not converge, ``(n,)``."""
-    multipliers: Array
+    multipliers: jax.Array
     """Lagrange multipliers of ``G x <= h``, not negative, ``(k,)``."""
-    converged: Array
+    converged: jax.Array
     """Whether `residual` fell below the tolerance."""
-    iterations: Array
+    iterations: jax.Array
     """Number of iterations done."""
-    residual: Array
+    residual: jax.Array
     """Largest violation of the optimality conditions of the equilibrated program, without unit."""
 
 
@@ -48,43 +44,43 @@ class QPSolution:
 class MovesSolution:
     """Answer of `minimise_moves`."""
 
-    moves: Array
+    moves: jax.Array
     """Moves within the limits, always finite, ``(m,)`` or ``(m, B)``."""
-    converged: Array
+    converged: jax.Array
     """Whether the moves are the minimiser, and not merely allowed."""
-    iterations: Array
+    iterations: jax.Array
     """Iterations of the interior point method; 0 for one and two moves, which are solved in closed form."""
-    residual: Array
+    residual: jax.Array
     """Largest violation of the optimality conditions of the equilibrated program, without unit."""
 
 
 @pytree
 class _Iterate:
-    x: Array
-    s: Array
-    z: Array
-    best_x: Array
-    best_z: Array
-    residual: Array
-    iterations: Array
-    stale: Array
-    going: Array
+    x: jax.Array
+    s: jax.Array
+    z: jax.Array
+    best_x: jax.Array
+    best_z: jax.Array
+    residual: jax.Array
+    iterations: jax.Array
+    stale: jax.Array
+    going: jax.Array
 
 
-def _largest(x: Array) -> Array:
+def _largest(x: jax.Array) -> jax.Array:
     return jnp.max(jnp.abs(x), initial=0.0)
 
 
-def _step_length(x: Array, dx: Array) -> Array:
+def _step_length(x: jax.Array, dx: jax.Array) -> jax.Array:
     """Largest step that keeps ``x + step dx`` from becoming negative."""
     return jnp.min(jnp.where(dx < 0.0, -x / jnp.where(dx < 0.0, dx, -1.0), jnp.inf))
 
 
 def solve_qp(
-    H: ArrayLike,
-    f: ArrayLike,
-    G: ArrayLike,
-    h: ArrayLike,
+    H: jax.typing.ArrayLike,
+    f: jax.typing.ArrayLike,
+    G: jax.typing.ArrayLike,
+    h: jax.typing.ArrayLike,
     *,
     tolerance: float | None = None,
     max_iterations: int = 40,
@@ -140,13 +136,15 @@ def solve_qp(
     weight = jnp.maximum(size * _largest(H1), jnp.maximum(_largest(f1), tiny))
     H1, f1 = H1 * (size / weight), f1 / weight
 
-    def newton(factor: tuple[Array, bool], s: Array, z: Array, r1: Array, r2: Array, r3: Array) -> tuple[Array, ...]:
+    def newton(
+        factor: tuple[jax.Array, bool], s: jax.Array, z: jax.Array, r1: jax.Array, r2: jax.Array, r3: jax.Array
+    ) -> tuple[jax.Array, ...]:
         dx = jax.scipy.linalg.cho_solve(factor, -r1 + G1.T @ ((r2 - z * r3) / s))
         ds = -r3 - G1 @ dx
         dz = -(r2 + z * ds) / s
         return dx, ds, dz
 
-    def residuals(x: Array, s: Array, z: Array) -> tuple[Array, Array, Array, Array]:
+    def residuals(x: jax.Array, s: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
         r1, r2, r3 = H1 @ x + f1 + G1.T @ z, s * z, G1 @ x + s - h1
         return r1, r2, r3, jnp.maximum(jnp.maximum(_largest(r1), _largest(r3)), jnp.max(jnp.minimum(s, z)))
 
@@ -211,8 +209,13 @@ def solve_qp(
 
 
 def limit_moves(
-    moves: ArrayLike, u_prev: ArrayLike, *, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike
-) -> Array:
+    moves: jax.typing.ArrayLike,
+    u_prev: jax.typing.ArrayLike,
+    *,
+    max_move: jax.typing.ArrayLike,
+    u_min: jax.typing.ArrayLike,
+    u_max: jax.typing.ArrayLike,
+) -> jax.Array:
     """Clip moves ``(m,)`` or ``(m, B)`` in sequence: each to the rate limit, then the input into its bounds.
 
     Other arguments are those of `minimise_moves`; the input before the first move is clipped into its bounds too.
@@ -229,7 +232,13 @@ def limit_moves(
 
 
 def minimise_many_moves(
-    H: ArrayLike, f: ArrayLike, u_prev: ArrayLike, *, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike
+    H: jax.typing.ArrayLike,
+    f: jax.typing.ArrayLike,
+    u_prev: jax.typing.ArrayLike,
+    *,
+    max_move: jax.typing.ArrayLike,
+    u_min: jax.typing.ArrayLike,
+    u_max: jax.typing.ArrayLike,
 ) -> MovesSolution:
     """Minimise ``1/2 d' H d + f' d`` over any number of moves within the pump's limits, by the interior point method.
 
@@ -295,7 +304,13 @@ def minimise_many_moves(
 
 
 def minimise_moves(
-    H: ArrayLike, f: ArrayLike, u_prev: ArrayLike, *, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike
+    H: jax.typing.ArrayLike,
+    f: jax.typing.ArrayLike,
+    u_prev: jax.typing.ArrayLike,
+    *,
+    max_move: jax.typing.ArrayLike,
+    u_min: jax.typing.ArrayLike,
+    u_max: jax.typing.ArrayLike,
 ) -> MovesSolution:
     """Minimise ``1/2 d' H d + f' d`` over the moves of a predictive controller, by the best way for their number.
 
@@ -322,7 +337,9 @@ def minimise_moves(
     if f.ndim == 1 and H.ndim == 2 and all(a.ndim == 0 for a in scalars):
         return minimise_many_moves(H, f, u_prev, **limits)
 
-    def one(H: Array, f: Array, u_prev: Array, max_move: Array, u_min: Array, u_max: Array) -> MovesSolution:
+    def one(
+        H: jax.Array, f: jax.Array, u_prev: jax.Array, max_move: jax.Array, u_min: jax.Array, u_max: jax.Array
+    ) -> MovesSolution:
         return minimise_many_moves(H, f, u_prev, max_move=max_move, u_min=u_min, u_max=u_max)
 
     axes = [-1 if H.ndim == 3 else None, -1 if f.ndim == 2 else None, *(0 if a.ndim else None for a in scalars)]

@@ -21,11 +21,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-from jax import Array
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.qp.moves_qp import MovesSolution, limit_moves, minimise_moves
 from glucoloop.refusal import Refusal
@@ -35,17 +31,19 @@ ROUNDS: Final = 10
 
 @pytree
 class _Iterate:
-    moves: Array
-    converged: Array
-    rounds: Array
-    residual: Array
+    moves: jax.Array
+    converged: jax.Array
+    rounds: jax.Array
+    residual: jax.Array
 
 
-def _positive(x: Array) -> Array:
+def _positive(x: jax.Array) -> jax.Array:
     return jnp.maximum(x, 0.0)
 
 
-def _lowest_on_the_way(step: Array, slope: Array, bend: Array, weight2: Array, missing: Array, gained: Array) -> Array:
+def _lowest_on_the_way(
+    step: jax.Array, slope: jax.Array, bend: jax.Array, weight2: jax.Array, missing: jax.Array, gained: jax.Array
+) -> jax.Array:
     """The moves ``t`` of the way, 0 to 1, at which the objective is least along a step that descends at first.
 
     Along the way the slope is ``slope + t bend - sum_i weight2_i gained_i max(0, missing_i - t gained_i)``. It never
@@ -68,16 +66,16 @@ def _lowest_on_the_way(step: Array, slope: Array, bend: Array, weight2: Array, m
 
 
 def minimise_moves_above_floor(
-    H: ArrayLike,
-    f: ArrayLike,
-    response: ArrayLike,
-    short: ArrayLike,
-    weight: ArrayLike,
-    u_prev: ArrayLike,
+    H: jax.typing.ArrayLike,
+    f: jax.typing.ArrayLike,
+    response: jax.typing.ArrayLike,
+    short: jax.typing.ArrayLike,
+    weight: jax.typing.ArrayLike,
+    u_prev: jax.typing.ArrayLike,
     *,
-    max_move: ArrayLike,
-    u_min: ArrayLike,
-    u_max: ArrayLike,
+    max_move: jax.typing.ArrayLike,
+    u_min: jax.typing.ArrayLike,
+    u_max: jax.typing.ArrayLike,
 ) -> MovesSolution:
     """Minimise ``1/2 d' H d + f' d + 1/2 |w max(0, short - A d)|^2`` over the moves within the pump's limits.
 
@@ -125,10 +123,10 @@ def minimise_moves_above_floor(
     tolerance = float(jnp.finfo(jnp.result_type(short, jnp.float32)).eps) ** 0.6
     tolerance = tolerance * (1.0 + jnp.max(jnp.abs(short), axis=0))
 
-    def gains(moves: Array) -> Array:
+    def gains(moves: jax.Array) -> jax.Array:
         return jnp.sum(A * moves, axis=1)
 
-    def minimum(active: Array) -> MovesSolution:
+    def minimum(active: jax.Array) -> MovesSolution:
         """Minimum of the piece on which the given samples lie below the floor."""
         pull = jnp.where(active, weight2, 0.0)
         weighted = A * pull[:, None]

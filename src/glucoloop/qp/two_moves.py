@@ -13,29 +13,38 @@ The argument is the Karush-Kuhn-Tucker theorem for a polygon; see Nocedal and Wr
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-from jax import Array
-from jax.typing import ArrayLike
+from glucoloop._lazy_jax import jax, jnp
 
 
-def _divide(numerator: Array, denominator: Array) -> Array:
+def _divide(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
     """Divide by a curvature: one that is zero or, by rounding, below zero counts as the smallest positive number."""
     return numerator / jnp.maximum(denominator, jnp.finfo(denominator.dtype).tiny)
 
 
-def _clip(x: Array, low: Array, high: Array) -> Array:
+def _clip(x: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
     return jnp.minimum(jnp.maximum(x, low), high)
 
 
-def _room(u_prev: ArrayLike, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike) -> tuple[Array, Array, Array]:
+def _room(
+    u_prev: jax.typing.ArrayLike,
+    max_move: jax.typing.ArrayLike,
+    u_min: jax.typing.ArrayLike,
+    u_max: jax.typing.ArrayLike,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Rate limit, and room of the input to fall and to rise: ``(r, low <= 0, high >= 0)``."""
     u = jnp.clip(jnp.asarray(u_prev), u_min, u_max)
     return jnp.asarray(max_move), jnp.asarray(u_min) - u, jnp.asarray(u_max) - u
 
 
 def minimise_one_move(
-    H: ArrayLike, f: ArrayLike, u_prev: ArrayLike, *, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike
-) -> Array:
+    H: jax.typing.ArrayLike,
+    f: jax.typing.ArrayLike,
+    u_prev: jax.typing.ArrayLike,
+    *,
+    max_move: jax.typing.ArrayLike,
+    u_min: jax.typing.ArrayLike,
+    u_max: jax.typing.ArrayLike,
+) -> jax.Array:
     """Minimise ``1/2 H d^2 + f d`` over one move ``(1,)`` or ``(1, B)`` within the pump's limits.
 
     Arguments are those of `minimise_two_moves`. With no curvature the move is the far end of the slope; a non-finite
@@ -48,8 +57,14 @@ def minimise_one_move(
 
 
 def minimise_two_moves(
-    H: ArrayLike, f: ArrayLike, u_prev: ArrayLike, *, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike
-) -> Array:
+    H: jax.typing.ArrayLike,
+    f: jax.typing.ArrayLike,
+    u_prev: jax.typing.ArrayLike,
+    *,
+    max_move: jax.typing.ArrayLike,
+    u_min: jax.typing.ArrayLike,
+    u_max: jax.typing.ArrayLike,
+) -> jax.Array:
     """Minimise ``1/2 d' H d + f' d`` over two moves within the pump's limits, exactly.
 
     Constraints and arguments are those of `moves_qp.minimise_many_moves`, where people may trail: ``(2, 2, B)``,
@@ -81,13 +96,13 @@ def minimise_two_moves(
     r, low, high = _room(u_prev, max_move, u_min, u_max)
     first_low, first_high = jnp.maximum(-r, low), jnp.minimum(r, high)
 
-    def on_vertical(d0: Array) -> tuple[Array, Array]:
+    def on_vertical(d0: jax.Array) -> tuple[jax.Array, jax.Array]:
         return d0, _divide(-(f1 + h01 * d0), h11)
 
-    def on_horizontal(d1: Array, start: Array, end: Array) -> tuple[Array, Array]:
+    def on_horizontal(d1: jax.Array, start: jax.Array, end: jax.Array) -> tuple[jax.Array, jax.Array]:
         return _clip(_divide(-(f0 + h01 * d1), h00), start, end), d1
 
-    def on_diagonal(total: Array, start: Array, end: Array) -> tuple[Array, Array]:
+    def on_diagonal(total: jax.Array, start: jax.Array, end: jax.Array) -> tuple[jax.Array, jax.Array]:
         along = (h00 - h01) + (h11 - h01)
         d0 = _clip(_divide((h11 - h01) * total + (f1 - f0), along), start, end)
         return d0, total - d0

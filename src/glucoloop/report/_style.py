@@ -22,7 +22,7 @@ Width = Literal["single", "double"]
 
 WIDTHS_MM: Final[dict[str, float]] = {"single": 88.0, "double": 180.0}
 FONT_PT: Final = 7.0
-TITLE_PT: Final = 8.0
+_TITLE_PT: Final = 8.0
 GREY: Final = "0.4"
 
 # M. Okabe, K. Ito, "Color universal design", 2008; black is left for bounds, and yellow is too pale for a line.
@@ -38,7 +38,7 @@ RANGE_COLOURS: Final = {
 ZONE_COLOURS: Final = {"A": "#009E73", "B": "#56B4E9", "C": "#F0E442", "D": "#E69F00", "E": "#D55E00"}
 """Colours of the zones of the control-variability grid."""
 # Dashes tell the lines apart in grey print. With one dash fewer than colours, 30 runs look different.
-DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
+_DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
 # Horizontal lines.
 SETPOINT: Final[dict[str, Any]] = {"color": GREY, "linewidth": 0.7}
 BOUND: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
@@ -58,7 +58,7 @@ _MAX_TICK_STEPS: Final = {"single": 6, "double": 12}
 
 def line_style(index: int) -> dict[str, Any]:
     """Colour and dashes of the curves of a run."""
-    return {"color": OKABE_ITO[index % len(OKABE_ITO)], "linestyle": DASHES[index % len(DASHES)], "linewidth": 1.2}
+    return {"color": OKABE_ITO[index % len(OKABE_ITO)], "linestyle": _DASHES[index % len(_DASHES)], "linewidth": 1.2}
 
 
 def literal(text: str) -> str:
@@ -75,7 +75,7 @@ def new_figure(width: Width, height_mm: float, title: str | None) -> Figure:
     size = (WIDTHS_MM[width] / _MM_PER_INCH, height_mm / _MM_PER_INCH)
     figure = print_figure(size)
     if title:
-        figure.suptitle(literal(textwrap.fill(title, _characters(width, TITLE_PT))), fontsize=TITLE_PT)
+        figure.suptitle(literal(textwrap.fill(title, _characters(width, _TITLE_PT))), fontsize=_TITLE_PT)
     return figure
 
 
@@ -177,11 +177,11 @@ def draw_bands(
 ) -> list[Artist]:
     """Bands, each from a lower to an upper edge with its opacity, and the median over them; in steps if held."""
     step: Literal["post"] | None = "post" if stepwise else None
-    drawn: list[Artist] = [
+    artists: list[Artist] = [
         axes.fill_between(t, low, high, step=step, color=style["color"], alpha=opacity, linewidth=0.0, zorder=2)
         for low, high, opacity in bands
     ]
-    return [*drawn, *axes.plot(t, median, **style, drawstyle="steps-post" if stepwise else "default", zorder=3)]
+    return [*artists, *axes.plot(t, median, **style, drawstyle="steps-post" if stepwise else "default", zorder=3)]
 
 
 def add_legend(figure: Figure, entries: Mapping[str, Artist], width: Width) -> None:

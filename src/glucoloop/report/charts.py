@@ -20,7 +20,7 @@ _T_STEP: Final = 0.1
 """Resolution of times in min; no sample time is a part of one."""
 
 
-class PlottedQuantity(NamedTuple):
+class _PlottedQuantity(NamedTuple):
     """A quantity over time, with a second unit of which `factor` are in its own; values have the resolution `step`."""
 
     name: str
@@ -31,17 +31,17 @@ class PlottedQuantity(NamedTuple):
     digits: int
 
 
-GLUCOSE: Final = PlottedQuantity("Glucose", "mg/dl", "mmol/l", other_value(1.0, "mg/dl"), 0.1, 1)
-INSULIN: Final = PlottedQuantity("Insulin", "mU/min", "U/h", other_value(1.0, "mU/min"), 0.01, 2)
-TIME_IN_RANGE: Final = PlottedQuantity("Time in range", "%", "", 0.0, 0.1, 1)
-BOLUS: Final = PlottedQuantity("Boluses", "U", "", 0.0, 0.01, 2)
+GLUCOSE: Final = _PlottedQuantity("Glucose", "mg/dl", "mmol/l", other_value(1.0, "mg/dl"), 0.1, 1)
+INSULIN: Final = _PlottedQuantity("Insulin", "mU/min", "U/h", other_value(1.0, "mU/min"), 0.01, 2)
+TIME_IN_RANGE: Final = _PlottedQuantity("Time in range", "%", "", 0.0, 0.1, 1)
+BOLUS: Final = _PlottedQuantity("Boluses", "U", "", 0.0, 0.01, 2)
 
 
 @dataclass
 class Panel:
     """One quantity over time; spans of time lie below levels, and both below curves."""
 
-    quantity: PlottedQuantity
+    quantity: _PlottedQuantity
     range: tuple[float, float]
     height: int
     """Height of the panel in pixels."""
@@ -68,20 +68,20 @@ class Panel:
             changes = np.append(np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0), y.size)
             t, y = t[changes], y[changes[:-1]]
         look = {"name": "", "kind": "line", "dash": 0, "colour": colour}
-        self.lines.append({**look, **about, "t": differences(t, _T_STEP), "y": self._whole(y)})
+        self.lines.append({**look, **about, "t": _differences(t, _T_STEP), "y": self._whole(y)})
 
     def area(self, t_min: npt.ArrayLike, low: npt.ArrayLike, high: npt.ArrayLike, colour: int, name: str) -> None:
         """Fill between two curves, unless nowhere there is anything between them; values are held as those of lines."""
         below, above = np.asarray(low, float), np.asarray(high, float)
         finite = np.isfinite(below) & np.isfinite(above)
         if np.any(above[finite] > below[finite]):
-            t = differences(np.asarray(t_min, float), _T_STEP)
+            t = _differences(np.asarray(t_min, float), _T_STEP)
             edges = {"low": self._whole(below), "high": self._whole(above)}
             self.areas.append({"name": name, "colour": colour, "t": t, **edges})
 
     def dot(self, t_min: npt.ArrayLike, values: npt.ArrayLike, colour: int, run: int) -> None:
         """Draw a dot at each time and value."""
-        places = {"t": differences(np.asarray(t_min, float), _T_STEP), "y": self._whole(np.asarray(values, float))}
+        places = {"t": _differences(np.asarray(t_min, float), _T_STEP), "y": self._whole(np.asarray(values, float))}
         self.dots.append({"colour": colour, "run": run, **places})
 
     def rule(self, values: Iterable[float], dash: int, text: str) -> None:
@@ -89,7 +89,7 @@ class Panel:
         self.rules.append({"values": list(dict.fromkeys(values)), "dash": dash, "text": text})
 
     def _whole(self, values: Floats) -> list[int | None]:
-        return differences(values, self.quantity.step)
+        return _differences(values, self.quantity.step)
 
     def data(self) -> dict[str, Any]:
         """Plain values for JSON, in the unit that is shown; the other unit has the axis on the right."""
@@ -105,7 +105,7 @@ class Panel:
         return {**results, **scaled, **units, "rules": rules, "step": of.factor * of.step, "digits": of.digits + 1}
 
 
-def differences(values: Floats, step: float) -> list[int | None]:
+def _differences(values: Floats, step: float) -> list[int | None]:
     """Values in whole steps, each less the one before; None for what is not finite."""
     whole: list[int | None] = [None] * values.size
     finite = np.flatnonzero(np.isfinite(values))
@@ -114,9 +114,9 @@ def differences(values: Floats, step: float) -> list[int | None]:
     return whole
 
 
-def extent(*shown: npt.ArrayLike) -> tuple[float, float]:
+def extent(*series: npt.ArrayLike) -> tuple[float, float]:
     """Least and greatest finite value of arrays, at least one apart."""
-    values = np.concatenate([np.ravel(np.asarray(part, float)) for part in shown])
+    values = np.concatenate([np.ravel(np.asarray(part, float)) for part in series])
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     return low, max(high, low + 1.0)

@@ -7,20 +7,20 @@ from typing import Any, Final
 
 import jax
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.setting import Value, value_text
 from glucoloop.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultPart
 from glucoloop.meals import Meal
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.settings import patient_entry
-from glucoloop.pumps.settings import PUMPS, PumpPart
-from glucoloop.report.moments import moment_text
-from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
+from glucoloop.pumps import PUMPS, PumpPart
+from glucoloop.report.periods import moment_text
+from glucoloop.sensors import DeadTime, IdealSensor, WhiteNoise
 from glucoloop.simulation.user_objects import goes_fast
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import FedSituation, Run
 from glucoloop.text import the_first
+from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, UNIT_BY_ENDING, ending_of, u_h_from_mu_min
 
 # What changes nothing, if it is not 0.
@@ -45,7 +45,7 @@ def comparison_facts(config: Run, designed: Mapping[str, Mapping[str, float]]) -
 
 def _case_facts(name: str, as_designed: str, case: Case, designed: Mapping[str, float] | None) -> dict[str, str]:
     numbers = {key: float(f"{value:.4g}") for key, value in (designed or {}).items()}
-    return {name: case_in_words(case, numbers), **({as_designed: _settings(numbers)} if numbers else {})}
+    return {name: _case_in_words(case, numbers), **({as_designed: _settings(numbers)} if numbers else {})}
 
 
 def trial_facts(trial: Trial) -> dict[str, str]:
@@ -75,7 +75,7 @@ def controllers_facts(cases: Iterable[Case], designed: Mapping[str, Mapping[str,
     return facts
 
 
-def case_in_words(case: Case, distinguished: Iterable[str] = ()) -> str:
+def _case_in_words(case: Case, distinguished: Iterable[str] = ()) -> str:
     """A controller with its guard, its faults, and its settings but those that are told apart."""
     parts = [
         f"{case.controller.called}, {case.controller.summary}",
@@ -109,7 +109,7 @@ def _exercise(situation: FedSituation) -> str:
 
 def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
     limits, pump, subcutaneous = situation.limits, situation.pump, situation.patient.subcutaneous
-    usual = (IdealSettings, WhiteNoiseSettings, DeadTimeSettings)
+    usual = (IdealSensor, WhiteNoise, DeadTime)
     least, most = float(limits.min_mU_min), float(limits.max_mU_min)
     noise = f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
     per_hour = f" ({u_h_from_mu_min(least):.3g} to {u_h_from_mu_min(most):.3g} U/h)"
@@ -154,7 +154,7 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
 
 
 def _settings(tuning: Mapping[str, Value]) -> str:
-    return ", ".join(setting_in_words(key, value) for key, value in tuning.items())
+    return ", ".join(_setting_in_words(key, value) for key, value in tuning.items())
 
 
 def _length(horizon_min: float) -> str:
@@ -235,7 +235,7 @@ def _short_name(fault: FaultPart, among: Iterable[FaultPart]) -> str:
     return f"{fault.name} {_settings(matter or values)}".rstrip()
 
 
-def setting_in_words(key: str, value: Value) -> str:
+def _setting_in_words(key: str, value: Value) -> str:
     """A setting with its unit: ``size 60 mg/dl``, ``not noticed``."""
     end = ending_of(key)
     name, unit = f"_{key}".removesuffix(end).strip("_").replace("_", " "), UNIT_BY_ENDING.get(end, "")
@@ -269,7 +269,7 @@ def when_in_words(fault: FaultPart) -> str:
     return f"{begins}, for {times[DURATION]} min" if DURATION in times else f"{begins} to the end"
 
 
-def window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
+def _window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
     """Time within which a fault is present, by its settings; None if it comes at random at any time."""
     times = fault.values()
     if not fault.timed or PER_DAY in times:
@@ -283,7 +283,7 @@ def window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
 def windows(faults: Iterable[FaultPart], end_min: float) -> Iterator[tuple[FaultPart, tuple[float, float]]]:
     """Faults that have a time before the end, with these times."""
     for fault in faults:
-        window = window_of(fault, end_min)
+        window = _window_of(fault, end_min)
         if window is not None:
             yield fault, window
 
@@ -294,15 +294,15 @@ def windows(faults: Iterable[FaultPart], end_min: float) -> Iterator[tuple[Fault
 def person_in_words(population: Population, person: Mapping[str, Any], seed: int = 0) -> str:
     """Name and basal rate of a person, who is a row of a summary, and the parameters farthest from the middle."""
     distributions, meanings = population.distributions(), patient_model(population.patient).meanings
-    drawn: Mapping[str, float] = person["parameters"]
-    spans = {name: distributions[name].upper - distributions[name].lower for name in drawn}
-    apart = {name: (value - distributions[name].centre) / (spans[name] or 1.0) for name, value in drawn.items()}
+    parameters: Mapping[str, float] = person["parameters"]
+    spans = {name: distributions[name].upper - distributions[name].lower for name in parameters}
+    apart = {name: (value - distributions[name].centre) / (spans[name] or 1.0) for name, value in parameters.items()}
     basal = person["basal_insulin_mU_min"]
     per_hour = f" ({u_h_from_mu_min(basal):.2f} U/h)" if patient_entry(population.patient).subcutaneous else ""
     names = population.names(seed, [person["person"]]) if population.table else None
     phrases = [f"{f'{names[0]}: ' if names else ''}basal rate {basal:.1f} mU/min{per_hour}"]
-    for name in sorted(drawn, key=lambda name: -abs(apart[name]))[:_REMARKABLE]:
+    for name in sorted(parameters, key=lambda name: -abs(apart[name]))[:_REMARKABLE]:
         centre, way = distributions[name].centre, "above" if apart[name] > 0.0 else "below"
-        far = f"{abs(drawn[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way
-        phrases.append(f"{meanings.get(name, name)} {drawn[name]:.3g}, {far} the usual {centre:.3g}")
+        far = f"{abs(parameters[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way
+        phrases.append(f"{meanings.get(name, name)} {parameters[name]:.3g}, {far} the usual {centre:.3g}")
     return "; ".join(phrases)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.cohorts.people_run import PeopleRun
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -18,6 +17,7 @@ from glucoloop.report._style import GREY, Width
 from glucoloop.report.charts import extent
 from glucoloop.report.labelled_traces import Bout, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.simulation import Trace
+from glucoloop.trials.people_run import PeopleRun
 from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PERCENTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
+_PERCENTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
 _MAX_NAMED: Final = 12
 """Boluses whose size is written; more would hide one another."""
 
@@ -85,8 +85,8 @@ def plot(
             else "traces holds runs of one person and of many; draw them in two figures"
         )
     runs = [] if of_people else labelled_runs(of_one)
-    shown: list[PeopleRun | PlottedRun] = [*of_people.values(), *runs]
-    horizon_min = max(float(run.t_min[-1]) for run in shown)
+    all_runs: list[PeopleRun | PlottedRun] = [*of_people.values(), *runs]
+    horizon_min = max(float(run.t_min[-1]) for run in all_runs)
     figure, above, below, divisor = _style.loop_panels(horizon_min, title, width, ratio=1.6)
     entries: dict[str, Artist] = {}
     if of_people:
@@ -97,7 +97,7 @@ def plot(
     else:
         _draw_glucose(above, runs, divisor, entries)
         meals, exercise = runs[0].meals, runs[0].exercise
-    _draw_levels(above, [float(run.setpoint_mg_dl) for run in shown], lowest_glucose_mg_dl, entries)
+    _draw_levels(above, [float(run.setpoint_mg_dl) for run in all_runs], lowest_glucose_mg_dl, entries)
     if runs:
         _draw_glucose_limits(above, runs, lowest_glucose_mg_dl, entries)
         _draw_insulin(below, runs, divisor, limits, entries)
@@ -113,12 +113,12 @@ def plot(
     return figure
 
 
-def bands(values: Floats) -> Floats:
+def _bands(values: Floats) -> Floats:
     """Percentiles ``(5, samples)`` of values ``(samples, people)``; people without a finite course are left out."""
     finite = values[:, np.isfinite(values).all(axis=0)]
     if finite.shape[1] == 0:
         raise Refusal("no person has a finite course to show; draw people who have a basal rate")
-    percentiles: Floats = np.percentile(finite, PERCENTILES, axis=1)
+    percentiles: Floats = np.percentile(finite, _PERCENTILES, axis=1)
     return percentiles
 
 
@@ -129,7 +129,7 @@ def _draw_people(
     for index, (label, run) in enumerate(runs.items()):
         insulin = np.concatenate([run.insulin_mU_min, run.insulin_mU_min[-1:]])
         for axes, values, stepwise in ((above, run.glucose_mg_dl, False), (below, insulin, True)):
-            low, quarter, median, three_quarters, high = bands(np.asarray(values, float))
+            low, quarter, median, three_quarters, high = _bands(np.asarray(values, float))
             drawn = _style.draw_bands(
                 axes,
                 np.asarray(run.t_min, float) / divisor,

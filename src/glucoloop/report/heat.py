@@ -27,7 +27,7 @@ _APART: Final = 0.35  # of a row, below the first one
 _MAX_NAME: Final = 30  # characters
 
 
-class Shade(NamedTuple):
+class _Shade(NamedTuple):
     """A class of values up to `most`, with its colour and that of text on it; None for the usual ones."""
 
     most: float
@@ -40,19 +40,19 @@ _DARK, _LIGHT = "#1a1a1a", "#ffffff"
 # Seven classes of "YlOrBr" without its palest: told apart by the colour-blind and in grey print (C. Brewer and
 # M. Harrower, ColorBrewer, 2003).
 SHADES_PCT: Final = (
-    Shade(0.0, None, None, "0 %"),
-    Shade(1.0, "#fff8d0", _DARK, "to 1 %"),
-    Shade(5.0, "#fee391", _DARK, "to 5 %"),
-    Shade(10.0, "#fec44f", _DARK, "to 10 %"),
-    Shade(20.0, "#fe9929", _DARK, "to 20 %"),
-    Shade(40.0, "#cc4c02", _LIGHT, "to 40 %"),
-    Shade(100.0, "#7a2604", _LIGHT, "above 40 %"),
+    _Shade(0.0, None, None, "0 %"),
+    _Shade(1.0, "#fff8d0", _DARK, "to 1 %"),
+    _Shade(5.0, "#fee391", _DARK, "to 5 %"),
+    _Shade(10.0, "#fec44f", _DARK, "to 10 %"),
+    _Shade(20.0, "#fe9929", _DARK, "to 20 %"),
+    _Shade(40.0, "#cc4c02", _LIGHT, "to 40 %"),
+    _Shade(100.0, "#7a2604", _LIGHT, "above 40 %"),
 )
 """Classes of a percentage of which any is too much."""
-UNKNOWN: Final = Shade(0.0, "#b0b0b0", _DARK, NOT_AVAILABLE)
+UNKNOWN: Final = _Shade(0.0, "#b0b0b0", _DARK, NOT_AVAILABLE)
 
 
-def shade_of(value: float | None) -> Shade:
+def shade_of(value: float | None) -> _Shade:
     """Class of a value; None is unknown."""
     if value is None:
         return UNKNOWN
@@ -62,7 +62,7 @@ def shade_of(value: float | None) -> Shade:
 class HeatCell(NamedTuple):
     """A cell of a map: a text, a second, smaller one, as in ``"▲2"``, and what the page tells when it is pointed at."""
 
-    shade: Shade
+    shade: _Shade
     text: str
     mark: str = ""
     hover: str = ""
@@ -83,7 +83,7 @@ class HeatMap(NamedTuple):
         return [self.cell(row, column) for row in self.rows for column in self.columns]
 
 
-def legend_shades(maps: Iterable[HeatMap]) -> list[Shade]:
+def legend_shades(maps: Iterable[HeatMap]) -> list[_Shade]:
     """Classes of the scale, and the one for unknown values if there are any."""
     unknown = any(cell.shade is UNKNOWN for each in maps for cell in each.cells())
     return [*SHADES_PCT, *([UNKNOWN] if unknown else [])]
@@ -94,7 +94,7 @@ def plot_heat_maps(
     *,
     what: str,
     mark: str = "",
-    shades: Sequence[Shade] | None = None,
+    shades: Sequence[_Shade] | None = None,
     title: str | None = None,
     width: Width = "double",
 ) -> Figure:
@@ -123,14 +123,14 @@ def plot_heat_maps(
     down = len(maps) if stacked else 1
     figure = _style.new_figure(width, down * (len(names) * row_mm + head_mm + _GAP_MM) + _AROUND_MM, title)
     panels = figure.subplots(down, len(maps) // down, squeeze=False).ravel()
-    for place, (axes, shown) in enumerate(zip(panels, maps, strict=True)):
-        places = _draw(axes, shown, apart="\n" if two_lines else " ")
+    for place, (axes, heat_map) in enumerate(zip(panels, maps, strict=True)):
+        places = _draw(axes, heat_map, apart="\n" if two_lines else " ")
         axes.set_xticks(range(len(columns)), map(_style.literal, heads), rotation=90 if upright else 0)
         axes.set_yticks(places, map(_style.literal, names))
         _style.dress(axes)
         axes.tick_params(length=0.0, labeltop=True, labelbottom=False, top=False, bottom=False)
         axes.spines[:].set_visible(False)
-        axes.set_title(shown.title, fontsize=FONT_PT, fontweight="bold", loc="left")
+        axes.set_title(heat_map.title, fontsize=FONT_PT, fontweight="bold", loc="left")
         if place and not stacked:
             axes.tick_params(labelleft=False)
     entries = _legend(legend_shades(maps) if shades is None else shades, what, mark)
@@ -138,26 +138,26 @@ def plot_heat_maps(
     return figure
 
 
-def _draw(axes: Axes, shown: HeatMap, apart: str) -> list[float]:
+def _draw(axes: Axes, heat_map: HeatMap, apart: str) -> list[float]:
     """Draw the cells of a map, and tell the places of its rows."""
     from matplotlib.patches import Rectangle
 
-    places = [place + (shown.apart if place else 0.0) for place in range(len(shown.rows))]
-    for place, row in zip(places, shown.rows, strict=True):
-        for across, column in enumerate(shown.columns):
-            cell = shown.cell(row, column)
+    places = [place + (heat_map.apart if place else 0.0) for place in range(len(heat_map.rows))]
+    for place, row in zip(places, heat_map.rows, strict=True):
+        for across, column in enumerate(heat_map.columns):
+            cell = heat_map.cell(row, column)
             axes.add_patch(Rectangle((across - 0.48, place - 0.46), 0.96, 0.92, **_patch(cell.shade)))
             text, ink = apart.join(filter(None, (cell.text, cell.mark))), cell.shade.ink or "black"
             _style.write(axes, text, (across, place), va="center", color=ink, linespacing=1.0)
-    axes.set(xlim=(-0.5, len(shown.columns) - 0.5), ylim=(places[-1] + 0.5, -0.5))
+    axes.set(xlim=(-0.5, len(heat_map.columns) - 0.5), ylim=(places[-1] + 0.5, -0.5))
     return places
 
 
-def _patch(shade: Shade) -> dict[str, Any]:
+def _patch(shade: _Shade) -> dict[str, Any]:
     return {"facecolor": shade.colour or "none", "edgecolor": "none" if shade.colour else "0.8", "linewidth": 0.5}
 
 
-def _legend(shades: Sequence[Shade], what: str, mark: str) -> dict[str, Artist]:
+def _legend(shades: Sequence[_Shade], what: str, mark: str) -> dict[str, Artist]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from glucoloop.control import Status
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.refusal import Refusal
-from glucoloop.report.validity import concentrations, stretches, validity_note
+from glucoloop.report.periods import concentrations, stretches, validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
 
@@ -78,7 +78,7 @@ class PlottedRun:
         # periods without a valid reading, and those of each status of decisions but OK
         there = {text: np.asarray(trace.status) == kind for kind, text in STATUS_WORDS.items()}
         there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
-        self.periods = {text: periods(self.t_min, present) for text, present in there.items() if present.any()}
+        self.periods = {text: _periods(self.t_min, present) for text, present in there.items() if present.any()}
 
 
 def _extended_to_the_end(rates: npt.ArrayLike) -> Floats:
@@ -101,7 +101,7 @@ def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
     return runs
 
 
-def periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> list[Pair]:
+def _periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> list[Pair]:
     """Periods in which something is there at samples ``(n,)`` that begin at the times ``(n + 1,)``."""
     return [(float(t_min[first]), float(t_min[after])) for first, after in stretches(there)]
 

@@ -40,7 +40,7 @@ _HEAD: Final = (
 )
 
 
-def latex_text(text: str) -> str:
+def _latex_text(text: str) -> str:
     """A text as LaTeX prints it, in one line; the sign of a negative number is a minus, and a range has a dash."""
     line = _ALIGNED.sub("", " ".join(text.split()))
     return _RANGE.sub(r"\1–\2", _NEGATIVE.sub("−", line)).translate(_ESCAPES)
@@ -67,16 +67,18 @@ def latex_tables(tables: Iterable[object], name: str, command: str) -> str:
     return _HEAD.format(command=command, version=glucoloop.__version__, packages=packages) + "\n" + floats
 
 
-def _float(shown: object, label: str, command: str) -> str:
+def _float(fitting: object, label: str, command: str) -> str:
     from rich.table import Table
 
-    table = shown.table if isinstance(shown, FittingTable) else shown
+    table = fitting.table if isinstance(fitting, FittingTable) else fitting
     if not isinstance(table, Table):
-        raise TypeError(f"{type(shown).__name__} is no table")
+        raise TypeError(f"{type(fitting).__name__} is no table")
     heads = (
-        shown.heads if isinstance(shown, FittingTable) and shown.heads else [_plain(c.header) for c in table.columns]
+        fitting.heads
+        if isinstance(fitting, FittingTable) and fitting.heads
+        else [_plain(c.header) for c in table.columns]
     )
-    caption = f"By \\texttt{{{latex_text(command)}}}. {latex_text(_plain(table.caption or ''))}".rstrip()
+    caption = f"By \\texttt{{{_latex_text(command)}}}. {_latex_text(_plain(table.caption or ''))}".rstrip()
     align = "".join("r" if column.justify == "right" else "l" for column in table.columns)
     rows = [
         *("\\begin{table}", "  \\centering", f"  \\caption{{{caption}}}", f"  \\label{{{label}}}"),
@@ -90,7 +92,7 @@ def _float(shown: object, label: str, command: str) -> str:
 
 def _head(text: str, align: str) -> str:
     """A heading; the lines of a long one stand below each other."""
-    lines = [latex_text(line) for line in text.strip("\n").split("\n")]
+    lines = [_latex_text(line) for line in text.strip("\n").split("\n")]
     if len(lines) == 1:
         return lines[0]
     below = r"\\".join(lines)
@@ -104,7 +106,7 @@ def _lines(table: Table) -> Iterator[str]:
         cells = [column[number] for column in columns]
         texts = [_plain(cell) for cell in cells]
         if _is_bold(cells[0]) and not any(texts[1:]):
-            yield f"\\multicolumn{{{len(cells)}}}{{@{{}}l@{{}}}}{{\\textbf{{{latex_text(texts[0])}}}}} \\\\"
+            yield f"\\multicolumn{{{len(cells)}}}{{@{{}}l@{{}}}}{{\\textbf{{{_latex_text(texts[0])}}}}} \\\\"
         else:
             yield f"{' & '.join(_cells(cells, texts))} \\\\"
         if row.end_section and number < len(table.rows) - 1:
@@ -113,7 +115,7 @@ def _lines(table: Table) -> Iterator[str]:
 
 def _cells(cells: Sequence[Any], texts: Sequence[str]) -> Iterator[str]:
     for number, (cell, text) in enumerate(zip(cells, texts, strict=True)):
-        shown = latex_text(text)
+        shown = _latex_text(text)
         indent = "\\quad " if number == 0 and text.startswith(" ") else ""
         yield indent + (f"\\textbf{{{shown}}}" if shown and _is_bold(cell) else shown)
 

@@ -97,7 +97,7 @@ def _show_units(figure: Figure) -> None:
             text.set_text(in_shown_units(words))
 
 
-def figure_bytes(figure: Figure, kind: str) -> bytes:
+def _figure_bytes(figure: Figure, kind: str) -> bytes:
     """File of a figure in one of `KINDS`, without a date."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, metadata=_UNDATED.get(kind))
@@ -113,6 +113,6 @@ def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
             None
         )  # positions stay where they are; even an engine that does nothing draws once more
     try:
-        return {f"{name}.{kind}": figure_bytes(figure, kind) for kind in KINDS}
+        return {f"{name}.{kind}": _figure_bytes(figure, kind) for kind in KINDS}
     finally:
         figure.set_layout_engine(layout)

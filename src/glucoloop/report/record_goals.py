@@ -20,7 +20,7 @@ MIN_ACTIVE_PCT: Final = 70.0
 HIGHEST_CV_PCT: Final = 36.0
 
 
-class Goal(NamedTuple):
+class _Goal(NamedTuple):
     """Goal of the consensus for a number: less, or more, than a bound."""
 
     bound: float
@@ -36,7 +36,7 @@ class Goal(NamedTuple):
         return value > self.bound if self.more else value < self.bound
 
 
-class GlucoseRange(NamedTuple):
+class _GlucoseRange(NamedTuple):
     """A range of the bar of times in ranges."""
 
     name: str
@@ -51,18 +51,18 @@ class Goals:
 
     name: str
     target_mg_dl: tuple[float, float]
-    ranges: tuple[GlucoseRange, ...]
+    ranges: tuple[_GlucoseRange, ...]
     """Ranges from the highest on; together they hold all readings."""
-    goals: Mapping[str, Goal]
+    goals: Mapping[str, _Goal]
 
     @property
-    def lines(self) -> Iterator[GlucoseRange]:
+    def lines(self) -> Iterator[_GlucoseRange]:
         """Ranges from the highest on, with the sums that have goals of their own, which have no name and no colour."""
         sums = [name for name in _SUMS if name in self.goals]
         for one in self.ranges:
             yield one
             side = {"Very low": "below", "High": "above_180"}.get(one.name)
-            yield from (GlucoseRange("", _SUMS[name], name, "") for name in sums if side and side in name)
+            yield from (_GlucoseRange("", _SUMS[name], name, "") for name in sums if side and side in name)
 
 
 _SUMS: Final = {
@@ -72,17 +72,17 @@ _SUMS: Final = {
 }
 _COLOURS: Final = tuple(RANGE_COLOURS.values())
 _RANGES: Final = (
-    GlucoseRange("Very high", "above 250 mg/dl", "time_above_250_pct", _COLOURS[4]),
-    GlucoseRange("High", "181 to 250 mg/dl", "time_180_250_pct", _COLOURS[3]),
-    GlucoseRange("Target", "70 to 180 mg/dl", "time_70_180_pct", _COLOURS[2]),
-    GlucoseRange("Low", "54 to 69 mg/dl", "time_54_70_pct", _COLOURS[1]),
-    GlucoseRange("Very low", "below 54 mg/dl", "time_below_54_pct", _COLOURS[0]),
+    _GlucoseRange("Very high", "above 250 mg/dl", "time_above_250_pct", _COLOURS[4]),
+    _GlucoseRange("High", "181 to 250 mg/dl", "time_180_250_pct", _COLOURS[3]),
+    _GlucoseRange("Target", "70 to 180 mg/dl", "time_70_180_pct", _COLOURS[2]),
+    _GlucoseRange("Low", "54 to 69 mg/dl", "time_54_70_pct", _COLOURS[1]),
+    _GlucoseRange("Very low", "below 54 mg/dl", "time_below_54_pct", _COLOURS[0]),
 )
 _PREGNANCY: Final = (
-    GlucoseRange("High", "above 140 mg/dl", "time_above_140_pct", _COLOURS[3]),
-    GlucoseRange("Target", "63 to 140 mg/dl", "time_63_140_pct", _COLOURS[2]),
-    GlucoseRange("Low", "54 to 62 mg/dl", "time_54_63_pct", _COLOURS[1]),
-    GlucoseRange("Very low", "below 54 mg/dl", "time_below_54_pct", _COLOURS[0]),
+    _GlucoseRange("High", "above 140 mg/dl", "time_above_140_pct", _COLOURS[3]),
+    _GlucoseRange("Target", "63 to 140 mg/dl", "time_63_140_pct", _COLOURS[2]),
+    _GlucoseRange("Low", "54 to 62 mg/dl", "time_54_63_pct", _COLOURS[1]),
+    _GlucoseRange("Very low", "below 54 mg/dl", "time_below_54_pct", _COLOURS[0]),
 )
 GOALS: Final = {
     "adult": Goals(
@@ -90,11 +90,11 @@ GOALS: Final = {
         (70.0, 180.0),
         _RANGES,
         {
-            "time_above_250_pct": Goal(5.0),
-            "time_above_180_pct": Goal(25.0),
-            "time_70_180_pct": Goal(70.0, more=True),
-            "time_below_70_pct": Goal(4.0),
-            "time_below_54_pct": Goal(1.0),
+            "time_above_250_pct": _Goal(5.0),
+            "time_above_180_pct": _Goal(25.0),
+            "time_70_180_pct": _Goal(70.0, more=True),
+            "time_below_70_pct": _Goal(4.0),
+            "time_below_54_pct": _Goal(1.0),
         },
     ),
     "older": Goals(
@@ -102,9 +102,9 @@ GOALS: Final = {
         (70.0, 180.0),
         _RANGES,
         {
-            "time_above_250_pct": Goal(10.0),
-            "time_70_180_pct": Goal(50.0, more=True),
-            "time_below_70_pct": Goal(1.0),
+            "time_above_250_pct": _Goal(10.0),
+            "time_70_180_pct": _Goal(50.0, more=True),
+            "time_below_70_pct": _Goal(1.0),
         },
     ),
     "pregnancy": Goals(
@@ -112,10 +112,10 @@ GOALS: Final = {
         (63.0, 140.0),
         _PREGNANCY,
         {
-            "time_above_140_pct": Goal(25.0),
-            "time_63_140_pct": Goal(70.0, more=True),
-            "time_below_63_pct": Goal(4.0),
-            "time_below_54_pct": Goal(1.0),
+            "time_above_140_pct": _Goal(25.0),
+            "time_63_140_pct": _Goal(70.0, more=True),
+            "time_below_63_pct": _Goal(4.0),
+            "time_below_54_pct": _Goal(1.0),
         },
     ),
 }

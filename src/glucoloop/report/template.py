@@ -25,7 +25,7 @@ from glucoloop.report.columns import headings
 from glucoloop.situations.toml import toml_text, with_code
 from glucoloop.text import glucose_text, percent
 
-FOOTER: Final = "Research software, not a medical device."
+_FOOTER: Final = "Research software, not a medical device."
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"
 _DESCRIPTIONS: Final = "glucoloop.report.descriptions"
 """Module of words on faults, which imports JAX; pages without them do without it."""
@@ -84,7 +84,7 @@ def _environment(folder: Path) -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals |= {"version": glucoloop.__version__, "footer": FOOTER, "other_units": OTHERS}
+    environment.globals |= {"version": glucoloop.__version__, "footer": _FOOTER, "other_units": OTHERS}
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     environment.filters |= {
         "colour": lambda index: f"colour-{index % _COLOURS}",

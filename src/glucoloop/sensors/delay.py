@@ -1,6 +1,6 @@
 """Sensors that are late: behind a first-order lag, or by a dead time of whole samples.
 
-Glucose under the skin follows glucose in the blood some minutes later, by the lag of one compartment,
+Subcutaneous glucose follows glucose in the blood some minutes later, by the lag of one compartment,
 ``lag r' = G - r``. Between two samples glucose G is taken to change evenly, for which the equation is solved exactly.
 
 References
@@ -12,17 +12,23 @@ of insulin: implications for continuous monitoring", Am. J. Physiol. 277(3), 199
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import KW_ONLY
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
+from glucoloop.component.pytree_component import HOST, STATIC, derived_static, wired
+from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
-from glucoloop.sensors.settings import LagSettings
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor, SensorAround, whole_samples
+from glucoloop.unit_guess import DEAD_TIME, LAG
+from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
     from jax.typing import ArrayLike
+
+LONGEST_LAG_MIN: Final = 120.0
 
 
 def lagged(
@@ -47,13 +53,19 @@ class _State:
     """Glucose behind the lag at the latest sample."""
 
 
-@pytree
-class Lag:
-    """Shows the inner sensor glucose behind a first-order lag; make it with `lag`."""
+class Lag(SensorAround, name="lag"):
+    """Glucose behind a first-order lag, as under the skin.
 
-    inner: Sensor
-    lag_min: jax.Array | float
-    sample_time_min: float = static()
+    The noise of the sensor inside does not lag.
+    """
+
+    sources = ("rebrin1999",)
+    lag_min: Annotated[
+        float, About("Time constant of the lag behind glucose.", above=0.0, at_most=LONGEST_LAG_MIN, quantity=LAG)
+    ] = 10.0
+
+    _: KW_ONLY
+    sample_time_min: float = wired(STATIC, default=5.0)
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
         """State of a sensor that has read the given glucose for a long time."""
@@ -64,28 +76,6 @@ class Lag:
         behind = lagged(state.behind, state.glucose, glucose_mg_dl, self.lag_min, self.sample_time_min)
         inner, reading = self.inner.read(state.inner, behind, key)
         return _State(inner=inner, glucose=glucose_mg_dl, behind=behind), reading
-
-
-@checked
-def lag(lag_min: float = 10.0, inner: Sensor | None = None, *, sample_time_min: float = 5.0) -> Lag:
-    """Sensor behind a first-order lag.
-
-    Parameters
-    ----------
-    lag_min : float
-        Time constant of the lag, above 0 and up to 120 min.
-    inner : Sensor, optional
-        Sensor behind the lag, whose noise does not lag; an ideal one by default.
-    sample_time_min : float
-        Time between two readings.
-
-    Raises
-    ------
-    ValueError
-        For a lag outside its bounds, or a sample time that is not positive and finite.
-    """
-    LagSettings(lag_min)
-    return Lag(inner=or_ideal(inner), lag_min=lag_min, sample_time_min=checked_sample_time(sample_time_min))
 
 
 LONGEST_DEAD_TIME_SAMPLES: Final = 288  # a day of 5-min samples
@@ -122,12 +112,37 @@ class _Line:
     """Readings that are not yet given, the oldest first."""
 
 
-@pytree
-class DeadTime:
-    """Gives the reading of the inner sensor from `samples` ago; before the first such reading, the initial glucose."""
+class DeadTime(SensorAround, name="dead-time"):
+    """Readings that are given some time later.
 
-    inner: Sensor
-    samples: int = static()
+    Before the first such reading, the initial glucose is given.
+    """
+
+    minutes: Annotated[
+        float,
+        About(
+            "Time after which a reading is given; a whole number of samples.",
+            at_least=0.0,
+            at_most=MIN_PER_DAY,
+            unit="min",
+            quantity=DEAD_TIME,
+        ),
+        HOST,
+    ] = 5.0
+
+    @derived_static
+    def samples(self) -> int:
+        """The time as a number of samples; Refusal unless it is a whole number of them."""
+        return whole_samples(self.minutes, self.sample_time_min, "a dead time")
+
+    def recorded(self) -> None:
+        """Leave the delay out."""
+
+    def made(self, **surroundings: Any) -> Sensor:
+        """The sensor; the one inside where the time is 0."""
+        late = super().made(**surroundings)
+        chosen: Sensor = late if late.samples else late.inner
+        return chosen
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _Line:
         """A delay line filled with the initial glucose."""
@@ -151,4 +166,4 @@ def dead_time(samples: int, inner: Sensor | None = None) -> DeadTime:
     """
     if not 0 <= samples <= LONGEST_DEAD_TIME_SAMPLES:
         raise Refusal(f"samples is {samples}; give a whole number from 0 to {LONGEST_DEAD_TIME_SAMPLES}")
-    return DeadTime(inner=or_ideal(inner), samples=samples)
+    return DeadTime(5.0 * samples, inner=IdealSensor() if inner is None else inner)

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy.typing as npt
-
-from glucoloop._lazy_jax import jax, jnp, np
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.protocol import Reading, Sensor, or_ideal
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
 
 
 @pytree
@@ -23,7 +21,7 @@ class _State:
     """(samples, ...) errors of the coming samples, the next first."""
     index: jax.Array
     """Number of the next sample, as a float."""
-    previous: Reading
+    last: Reading
 
 
 @pytree
@@ -45,7 +43,7 @@ class Erring:
             inner=self.inner.init(glucose_mg_dl, key),
             errors=jnp.asarray(self.errors, zero.dtype),
             index=zero,
-            previous=Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.ones(jnp.shape(glucose_mg_dl), bool)),
+            last=Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.ones(jnp.shape(glucose_mg_dl), bool)),
         )
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
@@ -54,13 +52,11 @@ class Erring:
         since = state.index - self.stuck_from
         stuck = jnp.any((since > 0.0) & (since < self.stuck_samples), axis=0)
         reported = Reading(
-            glucose_mg_dl=jnp.where(
-                stuck, state.previous.glucose_mg_dl, reading.glucose_mg_dl * (1.0 + state.errors[0])
-            ),
-            valid=jnp.where(stuck, state.previous.valid, reading.valid),
+            glucose_mg_dl=jnp.where(stuck, state.last.glucose_mg_dl, reading.glucose_mg_dl * (1.0 + state.errors[0])),
+            valid=jnp.where(stuck, state.last.valid, reading.valid),
         )
         errors = jnp.concatenate([state.errors[1:], state.errors[-1:]])
-        return _State(inner=inner, errors=errors, index=state.index + 1.0, previous=reported), reported
+        return _State(inner=inner, errors=errors, index=state.index + 1.0, last=reported), reported
 
 
 def erring(
@@ -98,7 +94,7 @@ def erring(
     if isinstance(stuck_samples, bool) or not isinstance(stuck_samples, int) or stuck_samples < 1:
         raise Refusal(f"{stuck_samples!r} readings of a stretch are not possible; give a whole number of 1 or more")
     return Erring(
-        inner=or_ideal(inner),
+        inner=IdealSensor() if inner is None else inner,
         errors=jnp.asarray(each),
         stuck_from=jnp.asarray(first),
         stuck_samples=float(stuck_samples),

@@ -1,12 +1,16 @@
-"""Protocol of a glucose sensor in the loop, and a sensor without error or delay."""
+"""Protocol of a glucose sensor in the loop, what all sensors of the package have, and one without error or delay."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from dataclasses import KW_ONLY
+from typing import Annotated, Any, ClassVar, Protocol
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
+from glucoloop.component.effects import READINGS, Need
+from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, wired
+from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
 
 
@@ -38,12 +42,61 @@ def site_of(sensor: Sensor) -> str | None:
     return site
 
 
-@pytree
-class IdealSensor:
-    """Reads glucose without noise or delay."""
+def checked_sample_time(sample_time_min: float) -> float:
+    """A sample time, refused unless it is positive and finite."""
+    if not 0.0 < sample_time_min < math.inf:
+        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+    return float(sample_time_min)
 
-    site: str | None = static(default=None)
-    """Site of the sensor, one of the patient's `capabilities.sites`; None is where glucose is controlled."""
+
+def whole_samples(minutes: float, sample_time_min: float, what: str) -> int:
+    """Minutes as a number of samples; Refusal unless it is a whole one. `what` names the quantity in messages."""
+    samples = round(minutes / sample_time_min)
+    if abs(samples * sample_time_min - minutes) > 1e-9 * max(minutes, sample_time_min):
+        below = int(minutes / sample_time_min) * sample_time_min
+        raise Refusal(
+            f"{what} of {minutes:g} min is not a whole number of {sample_time_min:g}-min samples; "
+            f"give {below:g} or {below + sample_time_min:g} min"
+        )
+    return samples
+
+
+class SensorPart(PytreeComponent):
+    """A sensor, with `init` and `read`; one around another extends `SensorAround`.
+
+    One that can be at different sites of the patient has a field ``site``, as `IdealSensor` has.
+    """
+
+    kind: ClassVar = "sensor"
+
+    _: KW_ONLY
+    sample_time_min: float = wired(HOST, default=5.0)
+
+    def __post_init__(self) -> None:
+        checked_sample_time(self.sample_time_min)
+
+    def needs(self) -> tuple[Need, ...]:
+        """A sensor has an effect where something uses its readings."""
+        return (READINGS,)
+
+    def recorded(self) -> SensorPart | None:
+        """Sensor of a record from which a model is identified, by default this one; None where it is left out.
+
+        Such a record has its own white noise, and no delay of the kind that is known to a controller.
+        """
+        return self
+
+
+class IdealSensor(SensorPart, name="ideal"):
+    """Readings without error or delay; the innermost of a chain, which says where glucose is read."""
+
+    site: Annotated[
+        str | None,
+        About(
+            "Site: arterial or interstitial, or plasma or interstitial, depending on the patient; by default that at "
+            "which glucose is controlled."
+        ),
+    ] = None
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[()]:
         """Empty state, since the sensor has no memory."""
@@ -54,13 +107,8 @@ class IdealSensor:
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))
 
 
-def or_ideal(inner: Sensor | None) -> Sensor:
-    """The given sensor, or the ideal one for None."""
-    return IdealSensor() if inner is None else inner
+class SensorAround(SensorPart):
+    """A sensor around another one, its ``inner``, by default an ideal one."""
 
-
-def checked_sample_time(sample_time_min: float) -> float:
-    """A sample time, refused unless it is positive and finite."""
-    if not 0.0 < sample_time_min < math.inf:
-        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
-    return float(sample_time_min)
+    _: KW_ONLY
+    inner: Sensor = wired(DATA, default_factory=IdealSensor)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.drawing import Drawing
+from glucoloop.native.flatten import Drawing
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors_at_once
 from glucoloop.native.targets.products import STRICT
@@ -31,7 +31,7 @@ def draws(drawing: Drawing, key: Any, products: str) -> Draws | None:
     `key` is an example of a random key. The numbers are those that JAX draws for one person, with normal numbers equal
     to rounding; products are rounded as `glucoloop.native.targets.products` says.
     """
-    if not drawing.wanted:
+    if not drawing.results:
         return None
     try:
         lowered = lower_drawing(drawing, key, jnp.zeros((), int), as_written=products == STRICT)

@@ -11,7 +11,7 @@ from jax.typing import ArrayLike
 
 from glucoloop.arguments import checked, on_host, random_key
 from glucoloop.component.routes import SUBCUTANEOUS
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.identification import (
     FirstOrderModel,
     Identification,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import points_of_sample
 from glucoloop.patients.capabilities import paced

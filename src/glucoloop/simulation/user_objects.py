@@ -21,8 +21,8 @@ import numpy.typing as npt
 
 from glucoloop._disk_cache import kept_result
 from glucoloop.arguments import ArgumentTypeError, at_once, is_traced
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import Controller, Decision, Observation
-from glucoloop.control.tuning import check_sample_time
 from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient, SemilinearPatient, inputs_of
 from glucoloop.refusal import Refusal

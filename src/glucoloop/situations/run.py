@@ -12,7 +12,7 @@ from glucoloop.component.setting import Default
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.models.settings import ModelPart
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import whole_samples
+from glucoloop.sensors import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioPart

@@ -32,9 +32,9 @@ from glucoloop.meals.settings import MealModelPart, RescuePart
 from glucoloop.metrics.settings import MetricPart, metrics_with
 from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientPart
 from glucoloop.physiology.settings import RhythmPart
-from glucoloop.pumps.settings import PUMPS, PumpPart
+from glucoloop.pumps import PUMPS, PumpPart
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
+from glucoloop.sensors import DeadTime, IdealSensor, SensorPart, WhiteNoise, whole_samples
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.request import read_root
 from glucoloop.unit_guess import (
@@ -223,7 +223,7 @@ class Situation(Part):
             key: getattr(patient, key) for key in ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
         }
         object.__setattr__(self, "patient", patient)
-        object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.limits}))
+        object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.own_limits}))
         if self.rescue is not None:
             object.__setattr__(self, "rescue", self.rescue.completed())
         for name in ("rhythm", "sensor", "faults", "metrics"):
@@ -265,7 +265,7 @@ class Situation(Part):
             raise Refusal(
                 f"glucose of {self.patient.called} cannot be read at the site {self.site!r}; give {' or '.join(known)}"
             )
-        if any(isinstance(part, IdealSettings) for part in self.sensor[1:]):
+        if any(isinstance(part, IdealSensor) for part in self.sensor[1:]):
             raise Refusal("an ideal sensor is the innermost of a chain; give it first, or leave it out")
         _ = self.dead_time_samples, self.start_min, self.limits, self.bolus  # each refuses what is not possible
 
@@ -336,8 +336,8 @@ class Situation(Part):
         return self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0
 
     @property
-    def _noise(self) -> Iterator[WhiteNoiseSettings]:
-        return (part for part in self.sensor if isinstance(part, WhiteNoiseSettings))
+    def _noise(self) -> Iterator[WhiteNoise]:
+        return (part for part in self.sensor if isinstance(part, WhiteNoise))
 
     @property
     def noise_variance(self) -> float:
@@ -347,7 +347,7 @@ class Situation(Part):
     @property
     def noise_bound_mg_dl(self) -> float:
         """Largest deviation by that noise."""
-        return max((part.bound_mg_dl for part in self._noise), default=WhiteNoiseSettings().bound_mg_dl)
+        return max((part.bound_mg_dl for part in self._noise), default=WhiteNoise().bound_mg_dl)
 
     @property
     def noisy(self) -> bool:
@@ -357,33 +357,34 @@ class Situation(Part):
     @property
     def drawn_otherwise(self) -> bool:
         """Whether something else than white noise may be drawn: another noise of the sensor, or a fault."""
-        plain = (IdealSettings, WhiteNoiseSettings, DeadTimeSettings)
+        plain = (IdealSensor, WhiteNoise, DeadTime)
         return bool(self.faults) or not all(isinstance(part, plain) for part in self.sensor)
 
     @property
     def dead_time_min(self) -> float:
         """Dead time of the readings."""
-        return sum(part.minutes for part in self.sensor if isinstance(part, DeadTimeSettings))
+        return sum(part.minutes for part in self.sensor if isinstance(part, DeadTime))
 
     @property
     def dead_time_samples(self) -> int:
         """Dead time of the readings in samples."""
-        return sum(part.samples(self.sample_time_min) for part in self.sensor if isinstance(part, DeadTimeSettings))
+        parts = (part for part in self.sensor if isinstance(part, DeadTime))
+        return sum(whole_samples(part.minutes, self.sample_time_min, "a dead time") for part in parts)
 
     @property
     def site(self) -> str | None:
         """Site of the sensor; None for that at which glucose is controlled."""
-        return next((part.site for part in self.sensor if isinstance(part, IdealSettings)), None)
+        return next((part.site for part in self.sensor if isinstance(part, IdealSensor)), None)
 
     def record_sensor(self, noise_variance: float) -> tuple[SensorPart, ...]:
         """Sensor of a record from which a model is identified, with other white noise."""
         inner = [part for part in (part.recorded() for part in self.sensor) if part is not None]
-        noise = WhiteNoiseSettings(variance=noise_variance, bound_mg_dl=self.noise_bound_mg_dl)
+        noise = WhiteNoise(variance=noise_variance, bound_mg_dl=self.noise_bound_mg_dl)
         return (*inner, noise) if noise_variance > 0.0 else tuple(inner)
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        return self._with(sensor=tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings)))
+        return self._with(sensor=tuple(part for part in self.sensor if not isinstance(part, WhiteNoise)))
 
     def paced(self, every_min: float | None, *, known_dead_time: bool) -> Situation:
         """The situation as a controller meets it that acts at times of its own; itself where there is no such time.
@@ -392,7 +393,7 @@ class Situation(Part):
         """
         if every_min is None or every_min == self.sample_time_min:
             return self
-        known_sensors = tuple(part for part in self.sensor if known_dead_time or not isinstance(part, DeadTimeSettings))
+        known_sensors = tuple(part for part in self.sensor if known_dead_time or not isinstance(part, DeadTime))
         return self._with(sample_time_min=every_min, sensor=known_sensors)
 
     def _with(self, **changes: Any) -> Situation:

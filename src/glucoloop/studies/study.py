@@ -3,20 +3,20 @@
 To add a study
 --------------
 1. ``studies/NAME/__init__.py`` declares it: what it asks for, a class of settings that usually extends a
-   `situations.run.Run` or a `cohorts.trial.Trial`, with other defaults where its own are usual, and one of the three
+   `situations.run.Run` or a `trials.trial.Trial`, with other defaults where its own are usual, and one of the three
    kinds below. It imports nothing heavy, since help is shown from it. Add a line to ``studies/catalogue.py``: the
    command is there.
 2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. What they are given (``config``) is
-   that class, complete and checked. Loops of people are closed by `cohorts.engine.loop_of`.
+   that class, complete and checked. Loops of people are closed by `trials.engine.loop_of`.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
 Every module has ``tables(config, results)``, which makes tables for the terminal, as by
-`report.columns.terminal_table`, of which ``tables.tex`` is made; where the study keeps files, also ``drawn(config,
+`report.columns.terminal_table`, of which ``tables.tex`` is made; where the study keeps files, also ``files_of(config,
 results)``: pages and figures by the names of their files. It may have
 
 - ``notes(config)``: sentences on what is possible and hardly meant, before the work begins.
 - ``sentences(config, results)``: conclusions, for the terminal and the page.
-- ``how_to_go_on(results, files)``: sentences on the use of the files, whose paths it gets by their names.
+- ``next_steps(results, files)``: sentences on the use of the files, whose paths it gets by their names.
 
 By its kind it has
 

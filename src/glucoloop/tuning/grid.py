@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 from decimal import Decimal
 from typing import Final, TypeVar
 
-from glucoloop.control.settings import MPCTuning, StateTuning
+from glucoloop.control.tuning import MPCTuning, StateTuning
 from glucoloop.refusal import Refusal
 
-MAX_VALUES: Final = 1000
+_MAX_VALUES: Final = 1000
 """Largest number of values of one range."""
-MAX_TUNINGS: Final = 100_000
+_MAX_TUNINGS: Final = 100_000
 """Largest number of tunings of a grid, with those that are left out."""
 
 _NUMBER: Final = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})(e[+-]?\d{1,2})?", re.ASCII | re.IGNORECASE)
@@ -45,8 +45,8 @@ def _parse(text: str, name: str, kind: Callable[[Decimal], Number], like: str) -
         if kind is int and any(number != number.to_integral_value() for number in numbers):
             raise Refusal(f"{name} has {part.strip()!r}; give whole numbers, like {like}")
         values += _steps(numbers, name, part.strip())
-        if len(values) > MAX_VALUES:
-            raise Refusal(f"{name} has more than {MAX_VALUES} values; give fewer, or wider steps")
+        if len(values) > _MAX_VALUES:
+            raise Refusal(f"{name} has more than {_MAX_VALUES} values; give fewer, or wider steps")
     return tuple(kind(value) for value in dict.fromkeys(values))
 
 
@@ -59,8 +59,8 @@ def _steps(numbers: list[Decimal], name: str, part: str) -> list[Decimal]:
     if last < first:
         raise Refusal(f"{name} runs from {first} down to {last}; write the lower end first")
     count = int((last - first) / step) + 1
-    if count > MAX_VALUES:
-        raise Refusal(f"{name} has more than {MAX_VALUES} values; give fewer, or wider steps")
+    if count > _MAX_VALUES:
+        raise Refusal(f"{name} has more than {_MAX_VALUES} values; give fewer, or wider steps")
     return [first + number * step for number in range(count)]
 
 
@@ -94,8 +94,8 @@ def tuning_grid(
         if not len(values):
             raise Refusal(f"the grid has no {name}; give at least one")
     size = math.prod(map(len, ranges.values()))
-    if size > MAX_TUNINGS:
-        raise Refusal(f"a grid of {size} tunings is too large; give at most {MAX_TUNINGS}, or wider steps")
+    if size > _MAX_TUNINGS:
+        raise Refusal(f"a grid of {size} tunings is too large; give at most {_MAX_TUNINGS}, or wider steps")
     shared = list(itertools.product(move_horizons, prediction_horizons, output_weights, move_weights))
     possible = [values for values in shared if values[1] >= values[0]]
     if not possible:

@@ -24,11 +24,11 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree
 from glucoloop.simulation import Trace
 
-BAND: Final = 0.02
+_BAND: Final = 0.02
 """Half width of the band, as a share of the setpoint."""
-TURN: Final = 0.05
+_TURN: Final = 0.05
 """Smallest change of direction that counts, as a share of the range of doses."""
-SMALLEST_TURN_MU_MIN: Final = 0.5
+_SMALLEST_TURN_MU_MIN: Final = 0.5
 CROSSINGS_PER_MEAL: Final = 3
 TURNS_PER_MEAL: Final = 8
 
@@ -46,7 +46,7 @@ class Oscillation:
     oscillates: jax.Array
 
 
-def crossings(glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike, band: float = BAND) -> jax.Array:
+def crossings(glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike, band: float = _BAND) -> jax.Array:
     """Number of times that glucose crosses a band about the setpoint, whose half width is a share of it."""
     setpoint = jnp.asarray(setpoint_mg_dl)
     away = jnp.asarray(glucose_mg_dl) - setpoint
@@ -59,7 +59,7 @@ def crossings(glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike, band: float =
     return crossed.sum()
 
 
-def turns(values: ArrayLike, least: ArrayLike) -> jax.Array:
+def _turns(values: ArrayLike, least: ArrayLike) -> jax.Array:
     """Number of times that a series changes its direction by more than `least`; smaller changes do not count."""
     values = jnp.asarray(values, float)
     first = values[0]
@@ -82,9 +82,9 @@ def turns(values: ArrayLike, least: ArrayLike) -> jax.Array:
 def oscillation(trace: Trace) -> Oscillation:
     """Count the crossings and turns of a run of one person, and judge them by its meals."""
     insulin = jnp.concatenate([trace.basal_insulin_mU_min[None], trace.insulin_mU_min])
-    least = jnp.maximum(TURN * (insulin.max() - insulin.min()), SMALLEST_TURN_MU_MIN)
+    least = jnp.maximum(_TURN * (insulin.max() - insulin.min()), _SMALLEST_TURN_MU_MIN)
     crossed = crossings(trace.fine_glucose_mg_dl, trace.setpoint_mg_dl)
-    turned = turns(insulin, least)
+    turned = _turns(insulin, least)
     meals = jnp.maximum((trace.carbs_g > 0.0).sum(), 1)
     return Oscillation(
         crossings=crossed,

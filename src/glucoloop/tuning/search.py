@@ -16,19 +16,56 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import design_of
 from glucoloop.build.surroundings import surroundings_of
-from glucoloop.control import Controller, MPCTuning
+from glucoloop.component.setting import Value
+from glucoloop.control import Controller, MPCTuning, StateTuning
+from glucoloop.control.catalogue import TUNABLE, controller_entry
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import Integrator
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import Case, usual_case
 from glucoloop.situations.situation import Situation, usual_situation
-from glucoloop.tuning.designers import Designer, designer, kind_of_tuning, usual_filters
 from glucoloop.tuning.grid import parse_numbers, tuning_grid
 from glucoloop.tuning.oscillation import oscillation
 from glucoloop.tuning.surface import TuningSurface
+
+Designer = Callable[[MPCTuning], Controller]
+"""Function that makes the controller of a tuning."""
+
+
+def kind_of_tuning(controller: str) -> type[MPCTuning]:
+    """Kind of the tunings of a controller that can be tuned: `StateTuning` if it has a reference filter."""
+    entry = controller_entry(controller)
+    if not entry.tunable:
+        raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
+    return StateTuning if "reference_filter" in entry.settings() else MPCTuning
+
+
+def usual_filters(controller: str, tuning: Mapping[str, Value]) -> str | None:
+    """Range of reference filters that a grid tries unless another one is given; None without such a setting."""
+    if "reference_filter" not in tuning:
+        return None
+    return controller_entry(controller).reference_filters or f"{tuning['reference_filter']:g}"
+
+
+def designer(
+    situation: Situation, case: Case, model: StepResponseModel | None = None, *, model_is_late: bool = False
+) -> Designer:
+    """Make the design of a tuning in a situation; parameters and errors as for `build.designs.design_of`."""
+    kind = kind_of_tuning(case.controller.called)
+    design = design_of(situation, case, model=model, model_is_late=model_is_late)
+
+    def tuned(tuning: MPCTuning) -> Controller:
+        if not isinstance(tuning, kind):
+            raise Refusal("the controller follows a filtered reference; give the grid reference filters")
+        settings = {name: value for name, value in tuning.values().items() if name in case.tuning}
+        return design(dataclasses.replace(case.controller, **settings))
+
+    return tuned
+
 
 C = TypeVar("C", bound=Controller)
 
@@ -40,7 +77,7 @@ def move_slots(moves: int, most: int) -> int:
     return min(_SOLVED_EXACTLY, most) if moves <= _SOLVED_EXACTLY else most
 
 
-def horizons(controller: Controller) -> tuple[int, int]:
+def _horizons(controller: Controller) -> tuple[int, int]:
     """Number of planned moves and of predicted samples, as the arrays of a controller have them."""
     result: tuple[int, int] | None = getattr(controller, "horizons", None)
     if result is None or not hasattr(controller, "padded"):
@@ -51,12 +88,12 @@ def horizons(controller: Controller) -> tuple[int, int]:
     return result
 
 
-def padded(controller: C, moves: int, horizon: int) -> C:
+def _padded(controller: C, moves: int, horizon: int) -> C:
     """The same controller with room for more moves and more samples, none of which has any weight.
 
-    Its decisions are the same up to rounding. It has `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC have them.
+    Its decisions are the same up to rounding. It has `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC do.
     """
-    own_moves, own_horizon = horizons(controller)
+    own_moves, own_horizon = _horizons(controller)
     if moves < own_moves or horizon < own_horizon:
         raise Refusal(
             f"a controller of {own_moves} moves and {own_horizon} samples does not fit into {moves} and {horizon}"
@@ -77,8 +114,8 @@ def stack(controllers: Sequence[C]) -> C:
 Progress = Callable[[int, int], None]
 """Callback with the number of finished runs and the number of all runs."""
 
-MAX_POINTS: Final = 20_000
-MAX_RUNS: Final = 200_000
+_MAX_POINTS: Final = 20_000
+_MAX_RUNS: Final = 200_000
 _BLOCK: Final = 128
 """Number of runs at once: more are not faster, and their traces take memory."""
 _ROUND: Final = 8
@@ -120,18 +157,18 @@ def search(
         raise Refusal("the grid has no tuning; give at least one")
     if not seeds:
         raise Refusal("there are no seeds; give at least one")
-    if len(grid) > MAX_POINTS or len(grid) * len(seeds) > MAX_RUNS:
+    if len(grid) > _MAX_POINTS or len(grid) * len(seeds) > _MAX_RUNS:
         raise Refusal(
             f"a grid of {len(grid)} tunings under {len(seeds)} seeds is too large; "
-            f"give up to {MAX_POINTS} tunings and {MAX_RUNS} runs"
+            f"give up to {_MAX_POINTS} tunings and {_MAX_RUNS} runs"
         )
     designed, refused = _designed(design, grid)
     grid = list(designed)
     controllers = list(designed.values())
     meals = Scenario() if scenario is None else scenario
     limits = situation.limits
-    most_moves = max(horizons(one)[0] for one in controllers)
-    horizon = max(horizons(one)[1] for one in controllers)
+    most_moves = max(_horizons(one)[0] for one in controllers)
+    horizon = max(_horizons(one)[1] for one in controllers)
 
     def runs(situation: Situation, seeds: Sequence[int], done: int, total: int) -> _Scores:
         surroundings = surroundings_of(situation)
@@ -198,7 +235,7 @@ def _in_blocks(
 ) -> _Scores:
     """Scores `(points, seeds)`, computed in blocks of one shape, so that one program serves them."""
     jobs = list(itertools.product(range(len(designed)), range(len(seeds))))
-    slots = [move_slots(horizons(one)[0], most_moves) for one in designed]
+    slots = [move_slots(_horizons(one)[0], most_moves) for one in designed]
     keys = [jax.random.key(seed) for seed in seeds]
     scores_of: dict[tuple[int, int], _Scores] = {}
     for moves in sorted(set(slots)):
@@ -207,7 +244,9 @@ def _in_blocks(
         for start in range(0, len(group), block):
             jobs_of_block = group[start : start + block]
             full = jobs_of_block + [jobs_of_block[-1]] * (block - len(jobs_of_block))
-            fitted = {point: padded(designed[point], moves, horizon) for point in dict.fromkeys(job[0] for job in full)}
+            fitted = {
+                point: _padded(designed[point], moves, horizon) for point in dict.fromkeys(job[0] for job in full)
+            }
             batch = stack([fitted[point] for point, _ in full])
             scores = jax.vmap(score)(batch, jnp.stack([keys[seed] for _, seed in full]))
             host = jax.tree.map(np.asarray, scores)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from glucoloop.control import Observation, design_meal_mpc
-from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, design_meal_kalman
+from glucoloop.estimation.unknown_meal import MealHabits, MovingHorizonSettings, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
-from glucoloop.estimation.unknown_meal.settings import MovingHorizonSettings
 from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.sensors.delay import lagged
 

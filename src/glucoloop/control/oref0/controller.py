@@ -7,29 +7,44 @@ gone by. A person who announces a meal gives a bolus for it by the carbohydrate 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
-from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
-from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known
-from glucoloop.control.design_case import DesignCase
-from glucoloop.control.oref0.cob import DEVIATIONS, MEALS, bucketed, recent_carbs
+from glucoloop.component.setting import About
+from glucoloop.control.decision import (
+    MealsToCome,
+    announced_carbs,
+    bolus_since,
+    decide,
+    delivered_since,
+    hear,
+    is_known,
+    no_meals_to_come,
+)
+from glucoloop.control.design_case import DesignCase, check_rate
 from glucoloop.control.oref0.dose import determine_basal
-from glucoloop.control.oref0.glucose import READINGS, glucose_get_last
-from glucoloop.control.oref0.iob import PEAKS_MIN, SAMPLE_MIN, iob_total, treatments
-from glucoloop.control.oref0.records import DosingProfile, TempBasal
-from glucoloop.control.oref0.rounding import whole
-from glucoloop.control.profile_settings import Oref0Settings
+from glucoloop.control.oref0.inputs import (
+    DEVIATIONS,
+    MEALS,
+    PEAKS_MIN,
+    READINGS,
+    SAMPLE_MIN,
+    bucketed,
+    glucose_get_last,
+    iob_total,
+    recent_carbs,
+    treatments,
+)
+from glucoloop.control.oref0.records import DosingProfile, TempBasal, whole
+from glucoloop.control.part import ByProfile, CarbRatio, CorrectionFactor
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_rate
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import Profile
+from glucoloop.unit_guess import ACTION_TIME, BOLUS_STEP, GLUCOSE_BOUND
 from glucoloop.units import MIN_PER_H, MU_MIN_PER_U_H, MU_PER_U, u_h_from_mu_min
 
 _LOWEST_MG_DL, _HIGHEST_MG_DL = 39.0, 600.0
@@ -41,6 +56,106 @@ _MIN_BASAL_U_H: Final = 0.01
 _MEALS_A_DAY, _MEAL_SHARE = 3.0, 0.5
 """Mean meal of the rule for insulin on board: a third of half the total daily dose."""
 _BASAL_HOURS: Final = 3.0
+
+
+class Oref0Settings(ByProfile, name="oref0"):
+    """oref0 0.7.1 of OpenAPS: temporary basal rates and microboluses by four forecasts; research only.
+
+    The defaults are those of oref0, but for two that allow no more than a temporary basal rate below the person's own
+    until they are changed: ``max_iob_U``, which is 0 there, and ``enable_smb_always``, which is off there. Preferences
+    have their names of there.
+    """
+
+    sources = ("lewis2016", "oref0")
+
+    meal_bolus: Annotated[
+        float,
+        About(
+            "Share of an announced meal for which the person gives a bolus by the carbohydrate ratio; 0: no bolus.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 1.0
+    carb_ratio_g_U: CarbRatio = 0.0
+    correction_mg_dl_U: CorrectionFactor = 0.0
+    curve: Annotated[
+        Literal["rapid-acting", "ultra-rapid"], About("Curve of insulin action, which peaks after 75 or 55 min.")
+    ] = "rapid-acting"
+    insulin_action_min: Annotated[
+        float, About("Time for which insulin acts (DIA).", at_least=300.0, at_most=600.0, quantity=ACTION_TIME)
+    ] = 300.0
+    insulin_peak_min: Annotated[
+        float, About("Time of the peak of insulin action; 0: of the curve.", at_least=0.0, at_most=120.0)
+    ] = 0.0
+    max_iob_U: Annotated[
+        float,
+        About(
+            "Largest insulin on board above the basal rate; 0: three hours of the basal rate and a mean meal's bolus.",
+            at_least=0.0,
+        ),
+    ] = 0.0
+    max_basal_mU_min: Annotated[
+        float, About("Largest temporary basal rate; 0: as the two multipliers and the pump allow.", at_least=0.0)
+    ] = 0.0
+    max_daily_safety_multiplier: Annotated[
+        float, About("Largest temporary basal rate, in basal rates of the day.", above=0.0)
+    ] = 3.0
+    current_basal_safety_multiplier: Annotated[
+        float, About("Largest temporary basal rate, in present basal rates.", above=0.0)
+    ] = 4.0
+    enable_uam: Annotated[bool, About("Whether meals that nobody announced are forecast.")] = True
+    enable_smb_always: Annotated[bool, About("Whether microboluses are given at any time.")] = True
+    enable_smb_with_cob: Annotated[bool, About("Whether microboluses are given with carbohydrate on board.")] = False
+    enable_smb_after_carbs: Annotated[bool, About("Whether microboluses are given for six hours after a meal.")] = False
+    enable_smb_high_bg: Annotated[bool, About("Whether microboluses are given while glucose is high.")] = False
+    enable_smb_high_bg_target_mg_dl: Annotated[
+        float, About("Glucose from which enable_smb_high_bg takes it for high.", above=0.0, quantity=GLUCOSE_BOUND)
+    ] = 110.0
+    max_smb_basal_min: Annotated[float, About("Largest microbolus, in minutes of the basal rate.", above=0.0)] = 30.0
+    max_uam_smb_basal_min: Annotated[
+        float,
+        About(
+            "Largest microbolus where insulin on board covers the carbohydrate, in minutes of the basal rate.",
+            above=0.0,
+        ),
+    ] = 30.0
+    smb_interval_min: Annotated[
+        float, About("Least time from one bolus to a microbolus.", at_least=1.0, at_most=10.0)
+    ] = 3.0
+    bolus_increment_U: Annotated[float, About("Step of microboluses.", above=0.0, quantity=BOLUS_STEP)] = 0.1
+    max_delta_bg_threshold: Annotated[
+        float,
+        About("Rise in 5 min, as a share of glucose, above which no microbolus is given.", above=0.0, at_most=0.3),
+    ] = 0.2
+    min_5m_carbimpact: Annotated[
+        float, About("Least rise of glucose by carbohydrate on board, in mg/dl per 5 min.", above=0.0)
+    ] = 8.0
+    max_cob_g: Annotated[float, About("Largest carbohydrate on board.", above=0.0)] = 120.0
+    remaining_carbs_fraction: Annotated[
+        float, About("Share of carbohydrate that appears though nothing tells of it yet.", above=0.0, at_most=1.0)
+    ] = 1.0
+    remaining_carbs_cap_g: Annotated[
+        float, About("Largest carbohydrate that appears though nothing tells of it yet.", above=0.0, at_most=90.0)
+    ] = 90.0
+    steps_per_U_h: Annotated[
+        Literal[20, 40], About("Steps of 1 U/h of a temporary basal rate below 1 U/h; 40 of the pumps x23 and x54.")
+    ] = 20
+    flat_is_error: Annotated[
+        bool, About("Whether readings that do not change for 40 min are taken for an error of the sensor.")
+    ] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        least, most = (50.0, 120.0) if self.curve == "rapid-acting" else (35.0, 100.0)
+        if self.insulin_peak_min and not least <= self.insulin_peak_min <= most:
+            raise Refusal(
+                f"a peak of {self.curve} insulin after {self.insulin_peak_min:g} min is not possible; "
+                f"give insulin_peak_min from {least:g} to {most:g} min, or 0"
+            )
+
+    def designed(self, case: DesignCase) -> Oref0:
+        """Controller oref0 of the catalogue, for a patient's profile."""
+        return design_oref0(case.profile, self, case.limits, bolus=case.bolus, sample_time_min=case.sample_time_min)
 
 
 @pytree
@@ -294,8 +409,3 @@ def design_oref0(
         bolus=bolus,
         settings=settings,
     )
-
-
-def design(case: DesignCase, settings: Oref0Settings) -> Oref0:
-    """Controller oref0 of the catalogue, for a patient's profile."""
-    return design_oref0(case.profile, settings, case.limits, bolus=case.bolus, sample_time_min=case.sample_time_min)

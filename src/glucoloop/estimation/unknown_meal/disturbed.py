@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jit, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.meals.stomach import Stomach, steadily
 from glucoloop.models.nonlinear import FedModel, reading_of
@@ -46,7 +42,7 @@ class Linearised:
     """(n,) effect of insulin."""
 
 
-@jax.jit
+@jit()
 def _slopes(model: FedModel, x: jax.Array, u: jax.Array) -> tuple[jax.Array, ...]:
     def sample(x: jax.Array, u: jax.Array, d: jax.Array) -> jax.Array:
         return model.advance_fed(x, u, steadily(d))

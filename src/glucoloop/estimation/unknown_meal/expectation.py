@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jit, jnp
 from glucoloop._pytree import pytree
 from glucoloop.estimation.noise_level import LEVELS_MG_DL, shares
 from glucoloop.estimation.unknown_meal.habits import DailyRates
@@ -80,7 +78,7 @@ def _stacked(estimates: list[MealEstimate]) -> MealEstimate:
     return stacked
 
 
-@jax.jit
+@jit()
 def _at_rest(estimator: MealEstimator, model: FedModel) -> MealEstimate:
     """Last estimate of a person at rest."""
     sensed = Sensed(

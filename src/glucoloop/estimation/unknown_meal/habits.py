@@ -6,10 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.component.number_text import number_of, parse_time_of_day

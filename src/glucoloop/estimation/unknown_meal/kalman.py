@@ -16,13 +16,11 @@ A. H. Jazwinski, Stochastic Processes and Filtering Theory, Academic Press, 1970
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
+from glucoloop.component.setting import About
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
@@ -32,7 +30,7 @@ from glucoloop.estimation.unknown_meal.disturbed import (
     waking,
 )
 from glucoloop.estimation.unknown_meal.habits import DailyRates, MealHabits
-from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
+from glucoloop.estimation.unknown_meal.protocol import EstimatorPart, MealEstimate, Sensed
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN
 from glucoloop.meals.stomach import (
     SERVED_G_PER_MIN,
@@ -52,6 +50,17 @@ _NOTHING: Final = 0.1
 """Share of the plateau below which a rate of emptying is no meal; above one half it is a meal."""
 _LARGEST_COVARIANCE: Final = 1e9
 """Largest covariance, so that it stays finite through days without readings."""
+
+
+class KalmanSettings(EstimatorPart, name="kalman"):
+    """Rate at which the stomach empties, a random walk, by an extended Kalman filter."""
+
+    sources = ("lehmann1992", "jazwinski1970")
+    make: ClassVar = "glucoloop.estimation.unknown_meal.kalman:design_meal_kalman"
+    emptying_variance: Annotated[
+        float, About("Variance of the change of that rate from sample to sample, (mg/min)².", above=0.0)
+    ] = 2500.0
+    state_variance: Annotated[float, About("Process noise of each state of the model, per sample.", above=0.0)] = 1e-3
 
 
 @pytree
@@ -179,8 +188,8 @@ def design_meal_kalman(
     model: FedModel,
     habits: MealHabits | None = None,
     *,
-    emptying_variance: float = 2500.0,
-    state_variance: float = 1e-3,
+    emptying_variance: float = KalmanSettings.emptying_variance,
+    state_variance: float = KalmanSettings.state_variance,
     measurement_variance: float = 1.45,
 ) -> MealKalman:
     """Design the filter for a model.

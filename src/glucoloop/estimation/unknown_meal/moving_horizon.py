@@ -15,7 +15,7 @@ two the line is blocked or the pump has stopped, whatever it reports. They are e
 without a recent event, so that the state then has no insulin on board that never came.
 Within a hypothesis a steady Kalman gain corrects the state, a disturbance, and a correlated error of the sensor. Its
 size is one of a few levels, and each reading judges each hypothesis with each level together, since a meal that begins
-and an error that grows explain the same readings; see `estimation.noise_sizes`. The disturbance is glucose that appears
+and an error that grows explain the same readings; see `estimation.noise_level`. The disturbance is glucose that appears
 for no known reason; it takes up what the model gets wrong, within a bound.
 
 With the events of the horizon enumerated and the merged state as what is known before it, this is moving-horizon
@@ -36,17 +36,23 @@ Electron. Syst. 34(4), 1998: one more model for each failure of an actuator.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from typing import Final
+from typing import Annotated, ClassVar, Final, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
-from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
-from glucoloop.estimation.noise_sizes import Innovations, drifting, innovations_of, mean_size
+from glucoloop.component.setting import About
+from glucoloop.estimation.noise_level import (
+    LEVELS_MG_DL,
+    Innovations,
+    NoisyFilters,
+    drifting,
+    innovations_of,
+    mean_size,
+    noisy_filters,
+    shares,
+)
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -56,7 +62,7 @@ from glucoloop.estimation.unknown_meal.disturbed import (
     waking,
 )
 from glucoloop.estimation.unknown_meal.habits import DailyRates, MealHabits
-from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
+from glucoloop.estimation.unknown_meal.protocol import EstimatorPart, MealEstimate, Sensed
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
 from glucoloop.meals.stomach import (
     FAST_GUT_MIN,
@@ -74,7 +80,7 @@ from glucoloop.meals.stomach import (
 from glucoloop.models.nonlinear import FedModel, reading_of
 from glucoloop.refusal import Refusal
 
-Numbers = npt.NDArray[np.float64]
+Numbers: TypeAlias = "npt.NDArray[np.float64]"
 
 LONGEST_HORIZON: Final = 100
 _MIN_GUT_MG: Final = 60.0
@@ -85,6 +91,52 @@ _FAILS_UNREPORTED: Final = 0.5
 """Probability that insulin ceases to arrive in a sample of which the pump reports no rate."""
 _STRAY: Final = 1e-3
 """Likelihood that is added to each hypothesis, so that a reading far from all of them does not tell them apart."""
+
+
+_samples: Final = functools.partial(About, at_least=2, at_most=100)
+
+
+class MovingHorizonSettings(EstimatorPart, name="moving-horizon"):
+    """Beginning and end of a meal, over the latest samples; learns the sensor's noise, and knows of lost insulin."""
+
+    sources = ("lehmann1992", "rao2003", "blom1988", "zhang1998")
+    make: ClassVar = "glucoloop.estimation.unknown_meal.moving_horizon:design_meal_horizon"
+    horizon: Annotated[int, _samples("Samples over which the beginning or end of a meal is searched for, L.")] = 6
+    fast_horizon: Annotated[int, _samples("The same for meals through a fast gut, F.")] = 4
+    largest_disturbance_mg_min: Annotated[
+        float, About("Largest unexplained appearance of glucose that is believed, to either side.", above=0.0)
+    ] = 100.0
+    noise_drift: Annotated[
+        float,
+        About(
+            "Probability that the size of the sensor's correlated error changes by 1 mg/dl from sample to sample; "
+            "0: the noise is as told.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 0.01
+    noise_patience: Annotated[
+        float,
+        About(
+            "Decay of the expected number of meals with the size of the sensor's correlated error, per mg/dl.",
+            at_least=0.0,
+        ),
+    ] = 3.0
+    ends_unseen: Annotated[
+        float,
+        About(
+            "Probability that a meal ends in a sample without a reading, if above the usual.", at_least=0.0, below=1.0
+        ),
+    ] = 0.3
+    failures_per_h: Annotated[
+        float,
+        About("Expected number of times per hour at which insulin ceases to arrive, unreported.", at_least=0.0),
+    ] = 0.002
+    failure_min: Annotated[float, About("Mean time until insulin arrives again.", above=0.0)] = 90.0
+    fast_meals: Annotated[
+        float,
+        About("Share of the meals that go through a gut of 30 min in place of 60 min.", at_least=0.0, below=1.0),
+    ] = 0.1
 
 
 @pytree
@@ -386,21 +438,21 @@ def design_meal_horizon(
     model: FedModel,
     habits: MealHabits | None = None,
     *,
-    horizon: int = 6,
-    fast_horizon: int = 4,
+    horizon: int = MovingHorizonSettings.horizon,
+    fast_horizon: int = MovingHorizonSettings.fast_horizon,
     disturbance_variance: float = 10.0,
     measurement_variance: float = 1.45,
-    largest_disturbance_mg_min: float = 100.0,
-    noise_drift: float = 0.01,
-    ends_unseen: float = 0.3,
-    noise_patience: float = 3.0,
-    failures_per_h: float = 0.002,
-    failure_min: float = 90.0,
-    fast_meals: float = 0.1,
+    largest_disturbance_mg_min: float = MovingHorizonSettings.largest_disturbance_mg_min,
+    noise_drift: float = MovingHorizonSettings.noise_drift,
+    ends_unseen: float = MovingHorizonSettings.ends_unseen,
+    noise_patience: float = MovingHorizonSettings.noise_patience,
+    failures_per_h: float = MovingHorizonSettings.failures_per_h,
+    failure_min: float = MovingHorizonSettings.failure_min,
+    fast_meals: float = MovingHorizonSettings.fast_meals,
 ) -> MealHorizon:
     """Design the estimator for a model.
 
-    Settings have the meanings, units and bounds of those of the same names in `estimation.unknown_meal.settings`.
+    Settings have the meanings, units and bounds of those of the same names in `estimation.unknown_meal`.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""Protocol of an estimator of unknown meals, and its estimate."""
+"""Protocol of an estimator of unknown meals, its estimate, and the declaration of one."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
-import jax
-
+from glucoloop._lazy_jax import jax
 from glucoloop._pytree import pytree
+from glucoloop.component.part import MadePart
 from glucoloop.estimation.unknown_meal.habits import DailyRates
 from glucoloop.meals.stomach import Announced, Stomach
 from glucoloop.models.nonlinear import FedModel
@@ -73,3 +73,14 @@ class MealEstimator(Protocol):
 
     def step(self, model: FedModel, state: Any, sensed: Sensed) -> tuple[Any, MealEstimate]:
         """Carry the state to this sample and correct it by the reading."""
+
+
+class EstimatorPart(MadePart):
+    """Declaration of an estimator of meals, an `estimation.unknown_meal.MealEstimator`.
+
+    Its function is also given, if it has parameters of these names, what the controller assumes: ``model``
+    (`models.nonlinear.FedModel`), ``habits`` (`estimation.unknown_meal.MealHabits`), ``disturbance_variance`` and
+    ``measurement_variance``.
+    """
+
+    kind: ClassVar = "estimator"

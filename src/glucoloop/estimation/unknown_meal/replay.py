@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jit, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
-from glucoloop.meals.scenario import check_time_of_day
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
@@ -93,7 +87,7 @@ def replay(
     )
 
 
-_replay = functools.partial(jax.jit, static_argnames="dead_time_samples")(replay)
+_replay = jit(static_argnames="dead_time_samples")(replay)
 
 
 @checked
@@ -165,6 +159,8 @@ def estimate_meals(
     if dead_time_samples < 0:
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     if start_min is not None:
+        from glucoloop.meals.scenario import check_time_of_day  # which imports JAX
+
         check_time_of_day(start_min)
     _refuse_times(times, model.sample_time_min)
     initial = float(model.insulin_mU_min) if initial_insulin_mU_min is None else float(initial_insulin_mU_min)

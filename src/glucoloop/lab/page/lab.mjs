@@ -179,7 +179,7 @@ export class Lab {
     const points = (steps * MOMENTS) / each;
     const { mg, begins } = this.eatenInPoints(family, meals, points);
     guts.forEach((numbers, lane) => gut.set(numbers, lane));
-    gut.prepared.hold();
+    gut.prepared.computePerPerson();
     gut.carry.fill(0);
     const found = new Float64Array(points * each * wide);
     for (let point = 0; point < points; point++) {
@@ -227,7 +227,7 @@ export class Lab {
     stage.give({ "meal.t_min": t_min, "meal.carbs_g": carbs_g });
     if (guts[0].length > 0) {
       guts.forEach((gut, lane) => stage.set(gut, lane, stage.place("gut.0")));
-      stage.prepared.hold();
+      stage.prepared.computePerPerson();
     }
     const found = new Float64Array(steps * MOMENTS * wide);
     // Nothing appears before the meal.

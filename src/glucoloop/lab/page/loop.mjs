@@ -149,7 +149,7 @@ class Past {
     this.random = random;
     this.readings = new Float64Array(earlier * stage.lanes);
     this.valid = new Float64Array(earlier * stage.lanes);
-    this.at = { reading: stage.place("past.glucose_mg_dl", "carry"), valid: stage.place("past.valid", "carry") };
+    this.at = { reading: stage.place("memory.glucose_mg_dl", "carry"), valid: stage.place("memory.valid", "carry") };
   }
 
   /** @param {Float64Array} glucose that was read for a long time */
@@ -386,7 +386,7 @@ export class LoopOfVector {
         people.forEach((person, lane) => {
           for (const [name, value] of Object.entries(lab.ofPerson(situation, person))) stage.set([value], lane, stage.place(name));
         });
-        stage.prepared.hold();
+        stage.prepared.computePerPerson();
       }
     }
     for (let lane = 0; lane < lanes; lane++) {

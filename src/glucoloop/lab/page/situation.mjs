@@ -116,7 +116,7 @@
  * @property {number} sample_time_min
  * @property {number[]} inside_min
  * @property {number} longest_min
- * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>> & {held: number}>} functions
+ * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>> & {per_person: number}>} functions
  * @property {Record<string, Family>} families the usual one first
  * @property {Record<string, Patient>} patients by `patientId`
  * @property {Record<string, Record<string, any>>} sensors of a chain, from the innermost outwards, with their usual settings

@@ -37,10 +37,10 @@ export class Stage {
    */
   constructor(lab, name) {
     this.fields = lab.data.functions[name];
-    const { person, held, carry, own, shared, outputs } = this.fields;
+    const { person, per_person, carry, own, shared, outputs } = this.fields;
     const sizes = {
       person: total(person),
-      held,
+      per_person,
       carry: total(carry),
       own: total(own),
       shared: total(shared),
@@ -114,7 +114,7 @@ export class Stage {
       }
       at += count;
     }
-    this.prepared.hold();
+    this.prepared.computePerPerson();
   }
 
   step() {
@@ -147,7 +147,7 @@ export function put(plant, people) {
     if (driven !== undefined) plant.set(driven, lane, of_matrices);
     plant.set(numbers, lane, of_patient);
   });
-  plant.prepared.hold();
+  plant.prepared.computePerPerson();
   if (people.every((body) => body === alike)) held.set(plant, alike);
   else held.delete(plant);
 }

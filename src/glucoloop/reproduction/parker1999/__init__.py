@@ -11,9 +11,9 @@ from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
 
 POINTS: Final = ("setpoint-81", "nominal-22", "fasting-81")
-SEEDS: Final = 60
-QUICK_SEEDS: Final = 3
-MAX_SEEDS: Final = 1000
+_SEEDS: Final = 60
+_QUICK_SEEDS: Final = 3
+_MAX_SEEDS: Final = 1000
 _part = functools.partial(Option, panel="Parts of the paper")
 _extent = functools.partial(Option, panel="How much")
 
@@ -39,11 +39,11 @@ class Reproduction(Part):
     seeds: Annotated[
         int | None,
         _extent(
-            "Runs of each noisy experiment.", default=f"{SEEDS}; quick: {QUICK_SEEDS}", at_least=1, at_most=MAX_SEEDS
+            "Runs of each noisy experiment.", default=f"{_SEEDS}; quick: {_QUICK_SEEDS}", at_least=1, at_most=_MAX_SEEDS
         ),
     ] = None
     seed: Annotated[
-        int, _extent("The same seed gives the same numbers.", at_least=0, at_most=LARGEST_SEED - MAX_SEEDS)
+        int, _extent("The same seed gives the same numbers.", at_least=0, at_most=LARGEST_SEED - _MAX_SEEDS)
     ] = 1
     quick: Annotated[bool, _extent("A quick look: few seeds, dead times up to 5 min, no tuning searches.")] = False
 
@@ -55,7 +55,7 @@ class Reproduction(Part):
     @property
     def runs(self) -> int:
         """Number of runs of each noisy experiment."""
-        return self.seeds or (QUICK_SEEDS if self.quick else SEEDS)
+        return self.seeds or (_QUICK_SEEDS if self.quick else _SEEDS)
 
 
 REPRODUCE: Final = PlainStudy(

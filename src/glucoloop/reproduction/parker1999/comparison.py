@@ -18,7 +18,7 @@ from glucoloop.tuning.search import printed_tuning
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrintedEntry:
+class _PrintedEntry:
     """One printed number or statement, and what of the reproduction is compared with it."""
 
     id: str
@@ -43,7 +43,7 @@ class PrintedEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Deviation:
+class _Deviation:
     """Entries that do not reproduce for one reason, found by an experiment or by a calculation."""
 
     entries: tuple[str, ...]
@@ -58,17 +58,17 @@ def _records(name: str) -> list[dict[str, Any]]:
 
 
 _FILE: Final = tomllib.loads(Path(__file__).with_name("published.toml").read_text(encoding="utf-8"))
-ENTRIES: Final = tuple(PrintedEntry(**record) for record in _records("entry"))
+ENTRIES: Final = tuple(_PrintedEntry(**record) for record in _records("entry"))
 """All entries, in the order of the paper's tables."""
-DEVIATIONS: Final = tuple(Deviation(**record) for record in _records("deviation"))
+DEVIATIONS: Final = tuple(_Deviation(**record) for record in _records("deviation"))
 INTERPRETATIONS: Final[Mapping[str, str]] = _FILE["interpretations"]
 """Choices where the paper is open or illegible, by name: settings, never hidden constants."""
 
 
 def reason_for(entry: str, operating_point: str) -> str:
     """The reason why an entry does not reproduce at an operating point; empty where none is known."""
-    known = (one.reason for one in DEVIATIONS if entry.startswith(one.entries) and operating_point in one.points)
-    return next(known, "")
+    reasons = (one.reason for one in DEVIATIONS if entry.startswith(one.entries) and operating_point in one.points)
+    return next(reasons, "")
 
 
 UNSETTLED: Final = "551+"
@@ -112,7 +112,7 @@ class Reproduced:
 class ComparedEntry:
     """An entry beside what was found of it."""
 
-    entry: PrintedEntry
+    entry: _PrintedEntry
     reproduced: Mapping[str, Reproduced]
     """Result at each operating point."""
 
@@ -189,7 +189,7 @@ def compare(studies: Mapping[str, PointResults], beginnings: tuple[str, ...] = (
     return rows
 
 
-def _reproduced(entry: PrintedEntry, study: PointResults) -> Reproduced | None:
+def _reproduced(entry: _PrintedEntry, study: PointResults) -> Reproduced | None:
     """The result for an entry; None if its experiment was not carried out."""
     if entry.metric == "rank_of_tuning":
         return _rank_of_tuning(entry.controller, study)

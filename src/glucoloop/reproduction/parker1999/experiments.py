@@ -23,8 +23,7 @@ from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import SemilinearPatient
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.sensors import white_noise
-from glucoloop.sensors.settings import DeadTimeSettings, WhiteNoiseSettings
+from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import Trace, fit_step, identify, validate_on
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
@@ -61,7 +60,7 @@ def all_experiments(dead_times_min: Sequence[int] = DEAD_TIMES_MIN, *, tunings: 
 
 
 @dataclass(frozen=True)
-class SeededRuns:
+class _SeededRuns:
     """Runs of one controller under several seeds."""
 
     metrics: Metrics
@@ -71,7 +70,7 @@ class SeededRuns:
 
 
 @dataclass(frozen=True)
-class ModelResults:
+class _ModelResults:
     """Results of identification, Section III."""
 
     noise_free: Identification
@@ -91,10 +90,10 @@ class PointResults:
     operating_point: str
     patient: SemilinearPatient
     seeds: int
-    model: ModelResults | None
-    runs: dict[LoopRuns, SeededRuns]
+    model: _ModelResults | None
+    runs: dict[LoopRuns, _SeededRuns]
     """Tables I and II, Fig. 4 to 6."""
-    identified_anew: dict[str, SeededRuns]
+    identified_anew: dict[str, _SeededRuns]
     """Linear MPC with known dead times, its models identified from delayed records."""
     tuning: dict[str, TuningSurface]
     """Searches around the printed tunings, by controller; empty if none was made."""
@@ -102,11 +101,11 @@ class PointResults:
 
 def _noisy(situation: Situation, dead_time_min: int) -> Situation:
     """The situation with the paper's noise, and a dead time."""
-    late = (DeadTimeSettings(minutes=dead_time_min),) if dead_time_min else ()
-    return dataclasses.replace(situation, sensor=(WhiteNoiseSettings(variance=NOISE_VARIANCE), *late))
+    late = (DeadTime(minutes=dead_time_min),) if dead_time_min else ()
+    return dataclasses.replace(situation, sensor=(WhiteNoise(variance=NOISE_VARIANCE), *late))
 
 
-def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Controller], keys: jax.Array) -> SeededRuns:
+def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Controller], keys: jax.Array) -> _SeededRuns:
     """One run per key, each with its own controller if there are several."""
     surroundings = surroundings_of(situation)
 
@@ -118,12 +117,12 @@ def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Contro
         metrics, traces = jax.vmap(run)(stack(controllers), keys)
     else:
         metrics, traces = jax.vmap(run, in_axes=(None, 0))(controllers, keys)
-    return SeededRuns(metrics=metrics, example=jax.tree.map(lambda leaf: leaf[0], traces))
+    return _SeededRuns(metrics=metrics, example=jax.tree.map(lambda leaf: leaf[0], traces))
 
 
 def _study_model(
     person: SemilinearPatient, noise_free: Identification, records: Sequence[Identification]
-) -> ModelResults:
+) -> _ModelResults:
     smooth = noise_free.laguerre_coefficients @ laguerre_functions(noise_free.laguerre_pole, 2, 1000)
     memory = noise_free.model.memory
     slow = fit_step(person, step_mU_min=_SMALL_STEP_MU_MIN, horizon_min=memory * SAMPLE_TIME_MIN, delay_min=None)
@@ -138,7 +137,7 @@ def _study_model(
     most = person.driven_derivative(jnp.zeros(7), jnp.asarray(PARKER_1999_LIMITS.max_mU_min))
     transport = jax.jacfwd(lambda z: person.driven_derivative(z, jnp.zeros(())))(jnp.zeros(7))
     record, validation = validate_on(person, records[0].model, seed=_BINARY_SEQUENCE_SEED)
-    return ModelResults(
+    return _ModelResults(
         noise_free=noise_free,
         noisy=records[0],
         validation_record=record,
@@ -159,12 +158,12 @@ def _study_model(
     )
 
 
-def _noise_free_runs(situation: Situation, noise_free: Identification) -> dict[str, SeededRuns]:
+def _noise_free_runs(situation: Situation, noise_free: Identification) -> dict[str, _SeededRuns]:
     results = {}
     for name in ("mpc", "mpc-se", "nlqdmc-se", "imc"):
         controller = controller_of(situation, usual_case(name, situation), model=noise_free.model)
         trace = close_loop(situation, controller, Scenario())
-        results[name] = SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
+        results[name] = _SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
     return results
 
 
@@ -195,24 +194,24 @@ def study(
     if "model" in experiments:
         model = _study_model(person, noise_free(), identified)
         progress(f"{operating_point}: models validated")
-    runs: dict[LoopRuns, SeededRuns] = {}
+    runs: dict[LoopRuns, _SeededRuns] = {}
     if NOISE_FREE in experiments:
         for name, one in _noise_free_runs(situation, noise_free()).items():
             runs[name, NOISE_FREE] = one
         progress(f"{operating_point}: Table I")
 
-    identified_anew: dict[str, SeededRuns] = {}
+    identified_anew: dict[str, _SeededRuns] = {}
     for minutes in sorted({_dead_time_min(run) for run in noisy}):
         late = _noisy(situation, minutes)
         for name, time in sorted(run for run in noisy if _dead_time_min(run) == minutes):
-            known = time.endswith("M")
-            case = dataclasses.replace(usual_case(name, late), known_dead_time=known)
+            compensated = time.endswith("M")
+            case = dataclasses.replace(usual_case(name, late), known_dead_time=compensated)
             if name == "mpc-se":
                 runs[name, time] = _noisy_loops(late, controller_of(late, case), loop_keys)
                 continue
             controllers = [controller_of(late, case, model=one.model) for one in identified]
             runs[name, time] = _noisy_loops(late, controllers, loop_keys)
-            if known:
+            if compensated:
                 anew = [controller_of(late, case, model=one.model, model_is_late=True) for one in records(minutes)]
                 identified_anew[time] = _noisy_loops(late, anew, loop_keys)
         progress(f"{operating_point}: runs with noise, dead time {minutes} min")

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 _NAMES: Final = {"mpc": "linear MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "imc": "IMC with filter"}
 
-CAPTIONS: Final = {
+_CAPTIONS: Final = {
     "figure-2": (
         "Fig. 2. Impulse response from a noisy record: as estimated, projected on two Laguerre functions, and free of "
         "noise."
@@ -63,48 +63,48 @@ CAPTIONS: Final = {
     "tuning-mpc-se": "Sum of squared errors of MPC/SE over its tunings, without noise.",
     "tuning-nlqdmc-se": "Sum of squared errors of NLQDMC/SE over its tunings, without noise.",
 }
-QUICK_DEAD_TIMES_MIN: Final = (0, 5)
+_QUICK_DEAD_TIMES_MIN: Final = (0, 5)
 
 
 @dataclass(frozen=True)
-class PaperPart:
+class _PaperPart:
     """A table or figure of the paper, or several together."""
 
     experiments: frozenset[Experiment]
     entries: tuple[str, ...] = ()
     """Beginnings of the names of its printed numbers; empty where it has no numbers."""
     figures: tuple[str, ...] = ()
-    """Names of figures, as in `CAPTIONS`."""
+    """Names of figures, as in `_CAPTIONS`."""
 
 
-WHOLE: Final = PaperPart(all_experiments(), entries=("",), figures=tuple(CAPTIONS))
-TABLES: Final = {
-    "I": PaperPart(frozenset({NOISE_FREE}), entries=("table-1.",)),
-    "II": PaperPart(noisy_runs(), entries=("table-2.",)),
+WHOLE: Final = _PaperPart(all_experiments(), entries=("",), figures=tuple(_CAPTIONS))
+_TABLES: Final = {
+    "I": _PaperPart(frozenset({NOISE_FREE}), entries=("table-1.",)),
+    "II": _PaperPart(noisy_runs(), entries=("table-2.",)),
 }
 FIGURES: Final = {
-    "2": PaperPart(frozenset({"model"}), figures=("figure-2",)),
-    "3": PaperPart(frozenset({"model"}), entries=("model.validation.",), figures=("figure-3",)),
-    "4": PaperPart(noisy_runs((0,)), entries=("figure-4.",), figures=("figure-4",)),
-    "5": PaperPart(frozenset({NOISE_FREE}), figures=("figure-5",)),
-    "6": PaperPart(frozenset(("mpc", f"{minutes}") for minutes in DEAD_TIMES_MIN), figures=("figure-6",)),
+    "2": _PaperPart(frozenset({"model"}), figures=("figure-2",)),
+    "3": _PaperPart(frozenset({"model"}), entries=("model.validation.",), figures=("figure-3",)),
+    "4": _PaperPart(noisy_runs((0,)), entries=("figure-4.",), figures=("figure-4",)),
+    "5": _PaperPart(frozenset({NOISE_FREE}), figures=("figure-5",)),
+    "6": _PaperPart(frozenset(("mpc", f"{minutes}") for minutes in DEAD_TIMES_MIN), figures=("figure-6",)),
 }
 _ARABIC: Final = {"1": "I", "2": "II"}
 
 
-def chosen(tables: Sequence[str], figures: Sequence[str]) -> PaperPart:
+def _chosen(tables: Sequence[str], figures: Sequence[str]) -> _PaperPart:
     """The named tables and figures together; the whole paper if none is named."""
     parts = []
-    for kind, names, known in (("table", tables, TABLES), ("figure", figures, FIGURES)):
+    for kind, names, catalogue in (("table", tables, _TABLES), ("figure", figures, FIGURES)):
         for name in names:
             key = name.strip().upper()
             key = _ARABIC.get(key, key) if kind == "table" else key
-            if key not in known:
-                raise Refusal(f"unknown {kind} {name!r}; the known ones are: {', '.join(known)}")
-            parts.append(known[key])
+            if key not in catalogue:
+                raise Refusal(f"unknown {kind} {name!r}; the known ones are: {', '.join(catalogue)}")
+            parts.append(catalogue[key])
     if not parts:
         return WHOLE
-    return PaperPart(
+    return _PaperPart(
         experiments=frozenset().union(*(part.experiments for part in parts)),
         entries=tuple(entry for part in parts for entry in part.entries),
         figures=tuple(figure for part in parts for figure in part.figures),
@@ -113,14 +113,14 @@ def chosen(tables: Sequence[str], figures: Sequence[str]) -> PaperPart:
 
 def results_of(config: Reproduction, progress: Progress) -> Results:
     """Run what is asked for at each operating point, and compare the results with the printed numbers."""
-    part = chosen(config.table, config.figure)
+    part = _chosen(config.table, config.figure)
     for name in config.points:
         if name not in OPERATING_POINTS:
             raise Refusal(f"unknown operating point {name!r}; the known ones are: {', '.join(OPERATING_POINTS)}")
     experiments = part.experiments
     if config.quick:
-        experiments &= all_experiments(QUICK_DEAD_TIMES_MIN, tunings=False)
-    return compared_results(
+        experiments &= all_experiments(_QUICK_DEAD_TIMES_MIN, tunings=False)
+    return _compared_results(
         {
             point: study(point, experiments, seeds=config.runs, seed=config.seed, progress=progress)
             for point in config.points
@@ -131,7 +131,7 @@ def results_of(config: Reproduction, progress: Progress) -> Results:
 
 
 @dataclass(frozen=True)
-class ReproductionResults:
+class _ReproductionResults:
     """Results at each operating point, and the entries of a part of the paper beside them."""
 
     studies: Mapping[str, PointResults]
@@ -139,7 +139,7 @@ class ReproductionResults:
     figures: Sequence[str]
 
 
-def compared_results(studies: Mapping[str, PointResults], part: PaperPart, seed: int) -> Results:
+def _compared_results(studies: Mapping[str, PointResults], part: _PaperPart, seed: int) -> Results:
     """Findings from the results at each operating point."""
     rows = compare(studies, part.entries)
     entries = [
@@ -167,7 +167,7 @@ def compared_results(studies: Mapping[str, PointResults], part: PaperPart, seed:
         "entries": entries,
         "interpretations": INTERPRETATIONS,
     }
-    return Results(plain, extra=ReproductionResults(studies, rows, part.figures))
+    return Results(plain, extra=_ReproductionResults(studies, rows, part.figures))
 
 
 def tables(config: Reproduction, results: Results) -> Iterator[FittingTable]:
@@ -192,19 +192,19 @@ def sentences(config: Reproduction, results: Results) -> Iterator[str]:
         yield "Nothing is printed there in numbers; the pictures are among the files of --out."
 
 
-def drawn(config: Reproduction, result: Results) -> dict[str, bytes]:
+def files_of(config: Reproduction, result: Results) -> dict[str, bytes]:
     """Figures, and the page with them."""
-    results: ReproductionResults = result.extra
+    results: _ReproductionResults = result.extra
     files: dict[str, bytes] = {}
     images = []
     for point, of_point in results.studies.items():
-        for name, figure in figures_of(of_point, results.figures).items():
+        for name, figure in _figures_of(of_point, results.figures).items():
             files |= figure_files(f"{point}-{name}", figure)
-            images.append((f"{CAPTIONS[name]} At {point}.", base64.b64encode(files[f"{point}-{name}.svg"]).decode()))
+            images.append((f"{_CAPTIONS[name]} At {point}.", base64.b64encode(files[f"{point}-{name}.svg"]).decode()))
     return {**files, "report.html": page(results.studies, results.rows, config.seed, images).encode()}
 
 
-def figures_of(results: PointResults, names: Collection[str]) -> dict[str, Figure]:
+def _figures_of(results: PointResults, names: Collection[str]) -> dict[str, Figure]:
     """The named figures of an operating point, apart from those whose experiments were not carried out."""
     figures: dict[str, Callable[[], Figure]] = {}
     if (model := results.model) is not None:
@@ -228,7 +228,7 @@ def figures_of(results: PointResults, names: Collection[str]) -> dict[str, Figur
     for name, surface in results.tuning.items():
         printed = printed_tuning(results.operating_point, name)
         figures[f"tuning-{name}"] = functools.partial(plot_surface, surface, printed=printed)
-    return {name: drawn() for name, drawn in figures.items() if name in names}
+    return {name: figure() for name, figure in figures.items() if name in names}
 
 
 _SECTIONS: Final = (
@@ -249,7 +249,7 @@ _NUMBERS: Final = {name: str(number) for number, name in enumerate(INTERPRETATIO
 
 
 @dataclass(frozen=True)
-class Table:
+class _Table:
     """Rows of text under a heading."""
 
     heading: str
@@ -258,9 +258,9 @@ class Table:
     rows: Sequence[Sequence[str]]
 
 
-def entry_tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults]) -> list[Table]:
+def _entry_tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults]) -> list[_Table]:
     """Tables of the printed entries; those of experiments that were not carried out are left out."""
-    shown: list[Table] = []
+    shown: list[_Table] = []
     for heading, beginning in _SECTIONS:
         cells = [
             (
@@ -277,13 +277,13 @@ def entry_tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResul
             columns = ("Entry", "Printed", *studies, "Place", "Interpretations")
             unsettled = _UNSETTLED if any(UNSETTLED in text for line in cells for text in line) else ""
             note = unsettled.strip() if shown else f"{_CELLS}{unsettled}"
-            shown.append(Table(heading, note, columns, cells))
+            shown.append(_Table(heading, note, columns, cells))
         if cells and beginning == "table-2." and any(one.identified_anew for one in studies.values()):
             shown.append(_known_dead_times(studies))
     return shown
 
 
-def printed_text(row: ComparedEntry) -> str:
+def _printed_text(row: ComparedEntry) -> str:
     """The printed number, bound or word."""
     printed = row.entry.printed
     text = printed if isinstance(printed, str) else f"{printed:g}"
@@ -291,7 +291,7 @@ def printed_text(row: ComparedEntry) -> str:
 
 
 def _printed_with_unit(row: ComparedEntry) -> str:
-    return f"{printed_text(row)} {row.entry.unit}".strip()
+    return f"{_printed_text(row)} {row.entry.unit}".strip()
 
 
 def _reproduced(row: ComparedEntry, point: str) -> str:
@@ -308,13 +308,13 @@ def _reproduced(row: ComparedEntry, point: str) -> str:
     return "; ".join([results.text, *([] if difference is None else [f"{difference:+.2f}"]), verdict])
 
 
-def _known_dead_times(studies: Mapping[str, PointResults]) -> Table:
+def _known_dead_times(studies: Mapping[str, PointResults]) -> _Table:
     rows = []
     for point, results in studies.items():
         for dead_time, anew in results.identified_anew.items():
             both = results.runs["mpc", dead_time], anew
             rows.append((point, dead_time, *(Reproduced.of(runs.metrics.undershoot_mg_dl).text for runs in both)))
-    return Table(
+    return _Table(
         "Linear MPC told of its dead time in two ways: undershoot, mg/dl",
         "The paper identifies a new model from delayed records. Two Laguerre functions cannot hold leading zeros, so "
         "such a model counts on a response that has not begun; shifting the model of the undelayed patient is nearer "
@@ -324,19 +324,19 @@ def _known_dead_times(studies: Mapping[str, PointResults]) -> Table:
     )
 
 
-def closing_tables(rows: Sequence[ComparedEntry]) -> list[Table]:
+def _closing_tables(rows: Sequence[ComparedEntry]) -> list[_Table]:
     """Tables of the entries that do not reproduce, and of the interpretations that the rows rest on."""
     if not rows:
         return []
     failed = [
-        (row.entry.what, printed_text(row), point, results.text, reason_for(row.entry.id, point) or "not known")
+        (row.entry.what, _printed_text(row), point, results.text, reason_for(row.entry.id, point) or "not known")
         for row in rows
         for point, results in row.reproduced.items()
         if row.agrees(point) is False
     ]
     used = {name for row in rows for name in row.entry.interpretations}
     return [
-        Table(
+        _Table(
             "What does not reproduce",
             "A number agrees if it is within a tenth of the printed one, or if the printed one lies between the 10th "
             "and the 90th percentile over the seeds, which the tables mark with the word spread; a bound agrees if it "
@@ -344,7 +344,7 @@ def closing_tables(rows: Sequence[ComparedEntry]) -> list[Table]:
             ("Entry", "Printed", "Operating point", "Reproduced", "Reason"),
             failed,
         ),
-        Table(
+        _Table(
             "Interpretations",
             "What the paper leaves open, and how it is read here; rows name by number what they rest on.",
             ("Number", "Name", "Choice"),
@@ -374,7 +374,7 @@ def page(
         Path(__file__).with_name("page.html"),
         "Parker, Doyle and Peppas (1999), reproduced",
         sentences=_summary(rows, studies, seed),
-        tables=entry_tables(rows, studies),
+        tables=_entry_tables(rows, studies),
         figures=images,
-        closing_tables=closing_tables(rows),
+        closing_tables=_closing_tables(rows),
     )

@@ -16,15 +16,24 @@ M. Breton, B. Kovatchev, "Analysis, modeling, and simulation of the accuracy of 
 Sci. Technol. 2(5), 853-862, 2008.
 """
 
-from typing import Final
+from typing import ClassVar, Final
 
 from glucoloop.sensors.cgm.model import ErrorModel, Johnson, Process
+from glucoloop.sensors.cgm.monitor import Monitor
+from glucoloop.units import MIN_PER_DAY
 
 _PARTIAL_CORRELATION: Final = 0.7
 
-BRETON_2008: Final = ErrorModel(
-    processes=(Process(alpha1=_PARTIAL_CORRELATION, alpha2=0.0, variance=_PARTIAL_CORRELATION**2),),
-    shape=Johnson(xi=-5.471, scale=15.9574, gamma=-0.5444, delta=1.6898),
-    step_min=15.0,
-    lag_min=5.0,
-)
+
+class Breton2008(Monitor, name="breton-2008"):
+    """FreeStyle Navigator, with the errors of Breton and Kovatchev (2008)."""
+
+    sources = ("breton2008",)
+    model: ClassVar = ErrorModel(
+        processes=(Process(alpha1=_PARTIAL_CORRELATION, alpha2=0.0, variance=_PARTIAL_CORRELATION**2),),
+        shape=Johnson(xi=-5.471, scale=15.9574, gamma=-0.5444, delta=1.6898),
+        step_min=15.0,
+        lag_min=5.0,
+    )
+    warm_up_min: float = 600.0
+    wear_min: float = 5.0 * MIN_PER_DAY

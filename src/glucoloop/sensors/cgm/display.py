@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked
+from glucoloop._pytree import pytree
+from glucoloop.component.pytree_component import HOST, derived_static
+from glucoloop.component.setting import About
+from glucoloop.refusal import Refusal
 from glucoloop.sensors.cgm.model import Ticks
-from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
-from glucoloop.sensors.settings import DisplaySettings
+from glucoloop.sensors.delay import LONGEST_LAG_MIN
+from glucoloop.sensors.protocol import Reading, SensorAround
+from glucoloop.unit_guess import GLUCOSE_BOUND
 
 
 @pytree
@@ -19,15 +22,39 @@ class _State:
     """Parts of a tick since the latest reading; None where each sample has one."""
 
 
-@pytree
-class Display:
-    """Shows the reading of the inner sensor; make it with `display`."""
+class Display(SensorAround, name="cgm-display"):
+    """Readings as a continuous glucose monitor shows them: its range, whole steps, one every few minutes.
 
-    inner: Sensor
-    low_mg_dl: jax.Array | float
-    high_mg_dl: jax.Array | float
-    step_mg_dl: jax.Array | float
-    ticks: Ticks = static()
+    Beyond its range a monitor shows LOW or HIGH; here the reading is the end of the range, and valid: a controller has
+    to act on it. The first sample at or after the time of a reading has one, samples between have none: they are not a
+    number, and not valid.
+    """
+
+    low_mg_dl: Annotated[
+        float,
+        About("Lower end of the range, which is given for less.", at_least=0.0, at_most=2000.0, quantity=GLUCOSE_BOUND),
+    ] = 40.0
+    high_mg_dl: Annotated[
+        float,
+        About("Upper end of the range, which is given for more.", above=0.0, at_most=2000.0, quantity=GLUCOSE_BOUND),
+    ] = 400.0
+    step_mg_dl: Annotated[float, About("Step of the readings.", above=0.0, at_most=100.0)] = 1.0
+    every_min: Annotated[
+        float, About("Time between two readings; samples between have none.", above=0.0, at_most=LONGEST_LAG_MIN), HOST
+    ] = 5.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.low_mg_dl < self.high_mg_dl:
+            raise Refusal(
+                f"a range of {self.low_mg_dl:g} to {self.high_mg_dl:g} mg/dl is not possible; "
+                f"{GLUCOSE_BOUND.looks_like(self.high_mg_dl) or 'give an upper end above the lower one'}"
+            )
+
+    @derived_static
+    def ticks(self) -> Ticks:
+        """Times of the readings."""
+        return Ticks.seen(self.sample_time_min, self.every_min)
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
         """State before the first sample, which has a reading."""
@@ -39,47 +66,9 @@ class Display:
         """Read the inner sensor, and show it if a reading is due; otherwise there is none."""
         inner, reading = self.inner.read(state.inner, glucose_mg_dl, key)
         steps = self.step_mg_dl * jnp.round(reading.glucose_mg_dl / self.step_mg_dl)
-        shown, valid, since = jnp.clip(steps, self.low_mg_dl, self.high_mg_dl), reading.valid, state.since
+        display, valid, since = jnp.clip(steps, self.low_mg_dl, self.high_mg_dl), reading.valid, state.since
         if since is not None:
             due = since >= self.ticks.of_tick
             since = jnp.where(due, since - self.ticks.of_tick, since) + self.ticks.ahead
-            shown, valid = jnp.where(due, shown, jnp.nan), valid & due
-        return _State(inner=inner, since=since), Reading(glucose_mg_dl=shown, valid=valid)
-
-
-@checked
-def display(
-    low_mg_dl: float = 40.0,
-    high_mg_dl: float = 400.0,
-    step_mg_dl: float = 1.0,
-    every_min: float = 5.0,
-    inner: Sensor | None = None,
-    *,
-    sample_time_min: float = 5.0,
-) -> Display:
-    """Readings as a monitor shows them.
-
-    Parameters
-    ----------
-    low_mg_dl, high_mg_dl : float
-        Range. Beyond it a monitor shows LOW or HIGH; here the reading is the end of the range, and valid: a controller
-        has to act on it.
-    step_mg_dl : float
-        Step of the readings.
-    every_min : float
-        Time between two readings. The first sample at or after that time has one, samples between have none: they are
-        not a number, and not valid.
-
-    Raises
-    ------
-    ValueError
-        For a setting beyond its bounds, or a range that is empty.
-    """
-    DisplaySettings(low_mg_dl, high_mg_dl, step_mg_dl, every_min)
-    return Display(
-        inner=or_ideal(inner),
-        low_mg_dl=low_mg_dl,
-        high_mg_dl=high_mg_dl,
-        step_mg_dl=step_mg_dl,
-        ticks=Ticks.seen(checked_sample_time(sample_time_min), every_min),
-    )
+            display, valid = jnp.where(due, display, jnp.nan), valid & due
+        return _State(inner=inner, since=since), Reading(glucose_mg_dl=display, valid=valid)

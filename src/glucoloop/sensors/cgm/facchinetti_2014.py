@@ -15,16 +15,24 @@ A. Facchinetti, S. Del Favero, G. Sparacino, J. R. Castle, W. K. Ward, C. Cobell
 IEEE Trans. Biomed. Eng. 61(3), 2014, doi:10.1109/TBME.2013.2284023.
 """
 
-from typing import Final
+from typing import ClassVar
 
 from glucoloop.sensors.cgm.model import ErrorModel, Process
+from glucoloop.sensors.cgm.monitor import Monitor
+from glucoloop.units import MIN_PER_DAY
 
-FACCHINETTI_2014: Final = ErrorModel(
-    gain=(1.1, 2e-4, 0.0),
-    offset_mg_dl=(-14.8, 0.04, 0.0),
-    processes=(
-        Process(alpha1=1.013, alpha2=-0.2135, variance=14.45),
-        Process(alpha1=1.23, alpha2=-0.3995, variance=11.3),
-    ),
-    calibrated_every_min=720.0,
-)
+
+class Facchinetti2014(Monitor, name="facchinetti-2014"):
+    """Dexcom SEVEN Plus, with the errors of Facchinetti et al. (2014)."""
+
+    sources = ("facchinetti2014",)
+    model: ClassVar = ErrorModel(
+        gain=(1.1, 2e-4, 0.0),
+        offset_mg_dl=(-14.8, 0.04, 0.0),
+        processes=(
+            Process(alpha1=1.013, alpha2=-0.2135, variance=14.45),
+            Process(alpha1=1.23, alpha2=-0.3995, variance=11.3),
+        ),
+        calibrated_every_min=720.0,
+    )
+    wear_min: float = 7.0 * MIN_PER_DAY

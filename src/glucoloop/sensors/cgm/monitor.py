@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import KW_ONLY
+from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked
+from glucoloop.component.pytree_component import HOST, STATIC, derived, wired
+from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.cgm.display import display as shown_by
+from glucoloop.sensors.cgm.display import Display
 from glucoloop.sensors.cgm.model import (
     CANDIDATES,
     Constants,
@@ -21,14 +23,14 @@ from glucoloop.sensors.cgm.model import (
     constants_of,
     drawn,
 )
-from glucoloop.sensors.delay import lag
-from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
-from glucoloop.sensors.settings import MonitorPart
+from glucoloop.sensors.delay import LONGEST_LAG_MIN, Lag
+from glucoloop.sensors.protocol import Reading, Sensor, SensorAround
 from glucoloop.units import MIN_PER_DAY
 
-_INTERSTITIAL = "interstitial"
-_NUMBERS = 7
-_DRAWN = -1.0
+_INTERSTITIAL: Final = "interstitial"
+_NUMBERS: Final = 7
+_DRAWN: Final = -1.0
+_LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
 
 
 @pytree
@@ -47,8 +49,8 @@ class _State:
 
 
 @pytree
-class Monitor:
-    """Adds the errors of a model over the days of wear to the reading of the inner sensor; make it with `monitor`."""
+class MonitorErrors:
+    """Adds the errors of a model over the days of wear to the reading of the inner sensor."""
 
     inner: Sensor
     constants: Constants | None
@@ -70,7 +72,7 @@ class Monitor:
     drift: bool = static()
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
-        """State before the first reading; sensor, noise and, unless given, the time since the insertion are drawn."""
+        """State before the first reading; sensor, noise and, unless it is set, the time since insertion are drawn."""
         age_key, sensor_key, noise_key, inner_key = jax.random.split(key, 4)
         shape, dtype = jnp.shape(glucose_mg_dl), jnp.result_type(float, glucose_mg_dl)
         span = self.wear - self.warm_up
@@ -101,21 +103,23 @@ class Monitor:
         if state.points is not None:
             value = value + self._error(state.points, state.since)
         ready = state.age >= self.warm_up
-        shown = Reading(glucose_mg_dl=jnp.where(ready, value, jnp.nan), valid=reading.valid & ready)
+        reported = Reading(glucose_mg_dl=jnp.where(ready, value, jnp.nan), valid=reading.valid & ready)
 
         # and on to the next sample
         age, own, spare, points, since = state.age + 1.0, state.own, state.spare, state.points, state.since
         new = age >= self.wear
         if self.spread is not None:
-            result, taken = candidate(self.spread, jax.random.normal(sensor_key, (_NUMBERS, *shape), dtype))
-            spare = _where(taken, result, spare)
+            constants_of_candidate, taken = candidate(
+                self.spread, jax.random.normal(sensor_key, (_NUMBERS, *shape), dtype)
+            )
+            spare = _where(taken, constants_of_candidate, spare)
             own = _where(new, spare, own)
         if points is not None:
             normal = self._normal(noise_key, max(2, self._most_steps), shape, dtype)
             later, since = self._advanced(constants, points, since, normal)
             points = jnp.where(new, self._of(own, shape).begin(normal[:2]), later)
         age = jnp.where(new, 0.0, age)
-        return _State(inner=inner, age=age, own=own, spare=spare, points=points, since=since), shown
+        return _State(inner=inner, age=age, own=own, spare=spare, points=points, since=since), reported
 
     @property
     def _between(self) -> bool:
@@ -168,76 +172,120 @@ def _where(condition: jax.Array, new: Any, old: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
 
 
-@checked
-def monitor(
-    model: ErrorModel,
-    lag_min: float | None = None,
-    noise: bool = True,
-    drift: bool = True,
-    display: bool = True,
-    warm_up_min: float = 120.0,
-    wear_min: float = 14_400.0,
-    worn_min: float | None = None,
-    inner: Sensor | None = None,
-    *,
-    site: str | None = None,
-    sample_time_min: float = 5.0,
-) -> Sensor:
-    """A continuous glucose monitor, from the tissue to the display.
+class Monitor(SensorAround):
+    """A continuous glucose monitor with the errors of a model, from the tissue to the display.
 
-    Parameters
-    ----------
-    model : ErrorModel
-        Errors of the sensor, such as `DEXCOM_G6`.
-    lag_min : float, optional
-        Lag of glucose at the sensor; by default that of the model, and none where `site` is interstitial.
-    noise, drift, display : bool
-        Whether it has noise, the error of calibration (gain and offset over the days), and the range, the step and the
-        5 min of a display, see `glucoloop.sensors.cgm.display`.
-    warm_up_min : float
-        Time after an insertion without readings: they are not a number, and not valid.
-    wear_min : float
-        Time from one insertion to the next, rounded up to samples. The new sensor has its own errors.
-    worn_min : float, optional
-        Time since the insertion at the start; by default drawn for each person, evenly from the warm-up to the end of
-        the wear. At 0 a run begins with the warm-up.
-    inner : Sensor, optional
-        Sensor whose reading is altered, an ideal one by default.
-
-    Raises
-    ------
-    ValueError
-        For a setting beyond its bounds, a wear beyond the days for which the model holds, or settings at odds with one
-        another.
+    The reading of the inner sensor has the errors of the model, then the range, the step and the 5 min of a display,
+    and glucose comes to it through a lag. A class of a monitor has its model, and its own defaults.
     """
-    MonitorPart(lag_min, noise, drift, display, warm_up_min, wear_min, worn_min)
-    if drift and wear_min > model.longest_wear_min:
-        raise Refusal(
-            f"wear_min is {wear_min:g} min, but the drift of this sensor is known for "
-            f"{model.longest_wear_min / MIN_PER_DAY:g} days; give up to {model.longest_wear_min:g} min, or drift=false"
+
+    model: ClassVar[ErrorModel] = ErrorModel()
+    """Errors of the sensor."""
+    lag_min: Annotated[
+        float | None,
+        About(
+            "Lag of glucose at the sensor behind that of blood; by default that of the model, and none where the site "
+            "is interstitial.",
+            at_least=0.0,
+            at_most=LONGEST_LAG_MIN,
+        ),
+        HOST,
+    ] = None
+    noise: Annotated[bool, About("Whether readings have noise: true or false.")] = True
+    drift: Annotated[
+        bool, About("Whether readings have the error of calibration, which changes with time: true or false.")
+    ] = True
+    display: Annotated[
+        bool, About("Whether readings are those of a display, as cgm-display has them: true or false.")
+    ] = True
+    warm_up_min: Annotated[
+        float, About("Time after an insertion without readings.", at_least=0.0, at_most=MIN_PER_DAY), HOST
+    ] = 120.0
+    wear_min: Annotated[
+        float,
+        About("Time from one insertion to the next, of another sensor.", above=0.0, at_most=_LONGEST_WEAR_MIN),
+        HOST,
+    ] = 10.0 * MIN_PER_DAY
+    worn_min: Annotated[
+        float | None,
+        About(
+            "Time since the insertion at the start; by default drawn for each person, and 0 begins with the warm-up.",
+            at_least=0.0,
+            at_most=_LONGEST_WEAR_MIN,
+        ),
+        HOST,
+    ] = None
+
+    _: KW_ONLY
+    site: str | None = wired(STATIC, default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.warm_up_min >= self.wear_min:
+            raise Refusal(
+                f"warm_up_min is {self.warm_up_min:g} min, but the sensor is replaced after {self.wear_min:g} min, "
+                "so that it never has a reading; give less"
+            )
+        if self.worn_min is not None and self.worn_min >= self.wear_min:
+            raise Refusal(
+                f"worn_min is {self.worn_min:g} min, but the sensor is replaced after {self.wear_min:g} min; give less"
+            )
+
+    def recorded(self) -> Monitor:
+        """Lag of the monitor alone: a model is identified from readings that were corrected with references."""
+        return type(self)(lag_min=self.lag_min, noise=False, drift=False, display=False, warm_up_min=0.0)
+
+    @derived
+    def chain(self) -> Sensor:
+        """The sensor inside with the errors, the display and the lag, one around another."""
+        sensor: Sensor = self._errors()
+        if self.display:
+            sensor = Display(inner=sensor, sample_time_min=self.sample_time_min)
+        lag_min = self.lag_min
+        if lag_min is None:
+            lag_min = 0.0 if self.site == _INTERSTITIAL else self.model.lag_min
+        return Lag(lag_min, inner=sensor, sample_time_min=self.sample_time_min) if lag_min else sensor
+
+    def _errors(self) -> MonitorErrors:
+        model = self.model
+        if self.drift and self.wear_min > model.longest_wear_min:
+            raise Refusal(
+                f"wear_min is {self.wear_min:g} min, but the drift of this sensor is known for "
+                f"{model.longest_wear_min / MIN_PER_DAY:g} days; give up to {model.longest_wear_min:g} min, or "
+                "drift=false"
+            )
+
+        def samples(minutes: float) -> int:
+            return math.ceil(minutes / self.sample_time_min - 1e-9)
+
+        wear = max(samples(self.wear_min), samples(self.warm_up_min) + 1)
+        worn = _DRAWN
+        if self.worn_min is not None:
+            worn = min(math.floor(self.worn_min / self.sample_time_min + 1e-9), wear - 1)
+        return MonitorErrors(
+            inner=self.inner,
+            constants=constants_of(model) if model.spread is None else None,
+            warm_up=float(samples(self.warm_up_min)),
+            wear=float(wear),
+            worn=float(worn),
+            calibrated=float(min(samples(min(model.calibrated_every_min, self.wear_min)), wear)),
+            sample_time_min=self.sample_time_min,
+            spread=model.spread,
+            shape=model.shape,
+            steps=Ticks.seen(self.sample_time_min, model.step_min),
+            noise=self.noise,
+            drift=self.drift,
         )
-    checked_sample_time(sample_time_min)
 
-    def samples(minutes: float) -> int:
-        return math.ceil(minutes / sample_time_min - 1e-9)
+    def made(self, **surroundings: Any) -> Sensor:
+        """The chain of the monitor in its surroundings."""
+        chain: Sensor = super().made(**surroundings).chain
+        return chain
 
-    wear = max(samples(wear_min), samples(warm_up_min) + 1)
-    worn = _DRAWN if worn_min is None else min(math.floor(worn_min / sample_time_min + 1e-9), wear - 1)
-    sensor: Sensor = Monitor(
-        inner=or_ideal(inner),
-        constants=constants_of(model) if model.spread is None else None,
-        warm_up=float(samples(warm_up_min)),
-        wear=float(wear),
-        worn=float(worn),
-        calibrated=float(min(samples(min(model.calibrated_every_min, wear_min)), wear)),
-        sample_time_min=sample_time_min,
-        spread=model.spread,
-        shape=model.shape,
-        steps=Ticks.seen(sample_time_min, model.step_min),
-        noise=noise,
-        drift=drift,
-    )
-    if display:
-        sensor = shown_by(inner=sensor, sample_time_min=sample_time_min)
-    behind = lag_min if lag_min is not None else 0.0 if site == _INTERSTITIAL else model.lag_min
-    return lag(behind, sensor, sample_time_min=sample_time_min) if behind else sensor
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Any:
+        """State of the chain."""
+        return self.chain.init(glucose_mg_dl, key)
+
+    def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, Reading]:
+        """Reading of the chain."""
+        return self.chain.read(state, glucose_mg_dl, key)

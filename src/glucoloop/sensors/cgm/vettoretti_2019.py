@@ -9,9 +9,10 @@ continuous glucose monitoring sensor with 10-day lifetime", Sensors 19(23), 5320
 covariance of a0, a1, a2, b0, alpha1, alpha2, sigma. The factor and the bounds are those of the simulator ReplayBG.
 """
 
-from typing import Final
+from typing import ClassVar, Final
 
 from glucoloop.sensors.cgm.model import ErrorModel, Spread
+from glucoloop.sensors.cgm.monitor import Monitor
 from glucoloop.units import MIN_PER_DAY
 
 _FACTOR: Final = 0.9
@@ -26,15 +27,20 @@ _COVARIANCE: Final = (
     (0.7235684,),
 )
 
-VETTORETTI_2019: Final = ErrorModel(
-    spread=Spread(
-        mean=(0.9422877, 0.004939882, -0.0005848749, 6.382602, 1.260407, -0.4022229, 3.251636),
-        covariance=tuple(
-            tuple(_FACTOR * _COVARIANCE[min(i, j)][abs(i - j)] for j in range(len(_COVARIANCE)))
-            for i in range(len(_COVARIANCE))
+
+class Vettoretti2019(Monitor, name="vettoretti-2019"):
+    """Factory-calibrated sensors that differ, drawn for each person and wear, of Vettoretti et al. (Sensors 2019)."""
+
+    sources = ("vettoretti2019",)
+    model: ClassVar = ErrorModel(
+        spread=Spread(
+            mean=(0.9422877, 0.004939882, -0.0005848749, 6.382602, 1.260407, -0.4022229, 3.251636),
+            covariance=tuple(
+                tuple(_FACTOR * _COVARIANCE[min(i, j)][abs(i - j)] for j in range(len(_COVARIANCE)))
+                for i in range(len(_COVARIANCE))
+            ),
+            stability_margin=0.02,
+            largest_sd_mg_dl=10.0,
         ),
-        stability_margin=0.02,
-        largest_sd_mg_dl=10.0,
-    ),
-    longest_wear_min=10.0 * MIN_PER_DAY,
-)
+        longest_wear_min=10.0 * MIN_PER_DAY,
+    )

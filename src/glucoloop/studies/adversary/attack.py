@@ -19,9 +19,6 @@ import polars as pl
 
 from glucoloop._pytree import pytree, static
 from glucoloop.build.surroundings import Surroundings, surroundings_of
-from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.engine import brought, loop_of, people_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller, Status
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
 from glucoloop.refusal import Refusal
@@ -31,6 +28,9 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.studies.adversary import Adversary
 from glucoloop.threefry import uniforms
+from glucoloop.trials.blocks import in_blocks
+from glucoloop.trials.engine import brought, loop_of, people_of
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.evolution import Evolution
 
 Array = npt.NDArray[Any]
@@ -98,7 +98,7 @@ class ErrorSpace:
 
 
 @pytree
-class Harm:
+class _Harm:
     """Harm done by errors, ``(n,)`` each: lowest and highest glucose, and time below 54 mg/dl, on the fine grid."""
 
     # arrays of NumPy, and of JAX while the loop is traced
@@ -123,16 +123,16 @@ class _Fold:
 
     point_min: float = static()
 
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Harm:
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Harm:
         del insulin_mU_min
         zero = jnp.zeros_like(glucose_mg_dl)
-        return Harm(lowest_mg_dl=glucose_mg_dl, below_54_min=zero, peak_mg_dl=glucose_mg_dl)
+        return _Harm(lowest_mg_dl=glucose_mg_dl, below_54_min=zero, peak_mg_dl=glucose_mg_dl)
 
-    def step(self, harm: Harm, happened: Sampled, t_min: jax.Array) -> Harm:
+    def step(self, harm: _Harm, happened: Sampled, t_min: jax.Array) -> _Harm:
         del t_min
         inside = happened.inside_mg_dl
         below = jnp.sum(jnp.where(inside < VERY_LOW_MG_DL, self.point_min, 0.0), axis=0)
-        return Harm(
+        return _Harm(
             lowest_mg_dl=jnp.minimum(harm.lowest_mg_dl, jnp.min(inside, axis=0)),
             below_54_min=harm.below_54_min + below,
             peak_mg_dl=jnp.maximum(harm.peak_mg_dl, jnp.max(inside, axis=0)),
@@ -178,36 +178,36 @@ class Attack:
         """
         trial = self._trial
         alike = number is None and trial.one_person is None
-        drawn_from = population("nominal", patient=trial.patient.called) if alike else trial.population
-        drawn = virtual_people(drawn_from, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
-        if not drawn.feasible.all():
+        source = population("nominal", patient=trial.patient.called) if alike else trial.population
+        people = virtual_people(source, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
+        if not people.feasible.all():
             who = "the nominal patient" if alike else f"person {number or 0} of seed {trial.seed}"
             raise Refusal(f"no basal rate holds {who} at {trial.target_mg_dl:g} mg/dl; give another person or setpoint")
-        return drawn
+        return people
 
     def people(self, number: int) -> VirtualPeople:
         """People with a basal rate among the first of the trial."""
         trial = self._trial
         with one_at_a_time:
-            drawn = people_of(trial, trial.first_person + np.arange(number))
-            return drawn.at(np.flatnonzero(drawn.feasible))
+            first = people_of(trial, trial.first_person + np.arange(number))
+            return first.at(np.flatnonzero(first.feasible))
 
-    def harm(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> Harm:
+    def harm(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> _Harm:
         """Harm of errors ``(samples, n)`` with stretches ``(stretches, n)``, to one person or to n.
 
         The last set of lanes is filled up.
         """
         one, none = who.draw.person.size == 1, np.zeros(0)
 
-        def run(lanes: Array, n: int) -> Harm:
+        def run(lanes: Array, n: int) -> _Harm:
             return _first(self._run(who, 0 * lanes if one else lanes, errors, stuck_from, lanes), n)
 
-        nobody = Harm(lowest_mg_dl=none, below_54_min=none, peak_mg_dl=none)
+        nobody = _Harm(lowest_mg_dl=none, below_54_min=none, peak_mg_dl=none)
         parts = in_blocks(run, np.arange(errors.shape[1]), self.lanes, threads=1)  # each set has all threads
-        harm: Harm = jax.tree.map(lambda *of_parts: np.concatenate(of_parts), nobody, *parts)
+        harm: _Harm = jax.tree.map(lambda *of_parts: np.concatenate(of_parts), nobody, *parts)
         return harm
 
-    def trace(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> tuple[pl.DataFrame, Harm]:
+    def trace(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> tuple[pl.DataFrame, _Harm]:
         """One loop, a row for each sample, and its harm, with errors ``(samples,)`` and stretches ``(stretches,)``."""
         lanes = np.zeros(self.lanes, int)
         run: Any = self._run(who, lanes, errors[:, None], stuck_from[:, None], lanes)
@@ -226,8 +226,8 @@ class Attack:
         trial = self._trial
         with one_at_a_time:
             people, surroundings = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
-            drawn = brought(trial, trial.drawn_days(people.draw.person))
-        return self._loop.run(people, surroundings=surroundings, threads=os.cpu_count() or 1, **drawn)
+            day_inputs = brought(trial, trial.drawn_days(people.draw.person))
+        return self._loop.run(people, surroundings=surroundings, threads=os.cpu_count() or 1, **day_inputs)
 
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
         sensor: Any = self._surroundings.sensor
@@ -235,9 +235,9 @@ class Attack:
         return dataclasses.replace(self._surroundings, sensor=erring_sensor)
 
 
-def _first(run: CohortRun, n: int) -> Harm:
+def _first(run: CohortRun, n: int) -> _Harm:
     """Harm of the first n loops of a run."""
-    harm: Harm = jax.tree.map(lambda part: part[:n], run.accumulator)
+    harm: _Harm = jax.tree.map(lambda part: part[:n], run.accumulator)
     return harm
 
 
@@ -246,7 +246,7 @@ Judge = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True)
-class Generation:
+class _Generation:
     """One generation of all starts: the harm of each sequence, and the most harmful sequence so far."""
 
     number: int
@@ -262,7 +262,7 @@ class Worst:
     errors: Array
     stuck_from: Array
     """(stretches,) number of the sample at which each stretch begins, in order."""
-    harm: Harm
+    harm: _Harm
     loop: pl.DataFrame
     """Course of the loop, see `Attack.trace`."""
     sequences: int
@@ -270,15 +270,19 @@ class Worst:
 
 
 def generations(
-    judge: Judge, space: ErrorSpace, effort: Adversary, before: Sequence[Array] = (), known: Array | None = None
-) -> Iterator[Generation]:
+    judge: Judge, space: ErrorSpace, effort: Adversary, before: Sequence[Array] = (), start_point: Array | None = None
+) -> Iterator[_Generation]:
     """Yield the generations of a search, each as soon as it is known; Refusal without the library of the search.
 
-    Those whose scores are `before` are not simulated again. The sequence `known` is tried first, and one of the starts
-    continues from it: the worst of smaller errors, so that the harm found for larger ones is never less.
+    Those whose scores are `before` are not simulated again. The sequence `start_point` is tried first, and one of the
+    starts continues from it: the worst of smaller errors, so that the harm of larger ones is never less.
     """
     sampler = Evolution(
-        space.centre, starts=effort.starts, population=effort.sequences, seed=effort.search_seed, known=known
+        space.centre,
+        starts=effort.starts,
+        population=effort.sequences,
+        seed=effort.search_seed,
+        start_point=start_point,
     )
     best_score, best = -np.inf, np.zeros(space.dimension)
     for number in range(effort.generations):
@@ -291,10 +295,10 @@ def generations(
         if score[most] > best_score:
             best_score, best = float(score[most]), points[most]
         sampler.tell(score)
-        yield Generation(number=number, score=score, best_score=best_score, best=best)
+        yield _Generation(number=number, score=score, best_score=best_score, best=best)
 
 
-def worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: Adversary) -> Worst:
+def _worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: Adversary) -> Worst:
     """Search for the worst errors of a space for one person, see `Attack.person` and `generations`."""
     *_, last = generations(judge_of(attack, who), space, effort)
     return worst_of(attack, who, space, last)
@@ -305,7 +309,7 @@ def judge_of(attack: Attack, who: VirtualPeople) -> Judge:
     return lambda errors, stuck_from: attack.harm(who, errors, stuck_from).score
 
 
-def worst_of(attack: Attack, who: VirtualPeople, space: ErrorSpace, last: Generation) -> Worst:
+def worst_of(attack: Attack, who: VirtualPeople, space: ErrorSpace, last: _Generation) -> Worst:
     """The worst sequence of a search whose last generation is given, with its effect."""
     point = last.best[None]
     errors, stuck_from = space.errors(point)[:, 0], np.sort(space.stuck_from(point)[:, 0])
@@ -313,7 +317,7 @@ def worst_of(attack: Attack, who: VirtualPeople, space: ErrorSpace, last: Genera
     return Worst(errors, stuck_from, harm, loop, (last.number + 1) * last.score.size)
 
 
-def random_errors(attack: Attack, space: ErrorSpace, people: int, seed: int) -> Harm:
+def random_errors(attack: Attack, space: ErrorSpace, people: int, seed: int) -> _Harm:
     """Harm of random errors to the people of a population with a basal rate, as a comparison for that of a search.
 
     Each person's errors are drawn uniformly from the space.

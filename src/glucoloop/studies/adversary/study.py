@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 
 from glucoloop.build.designs import controller_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
@@ -18,7 +17,7 @@ from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
 from glucoloop.report.descriptions import engine_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.sensors.settings import whole_samples
+from glucoloop.sensors import whole_samples
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.run import intravenous_boluses
 from glucoloop.storage.results import Results
@@ -37,6 +36,7 @@ from glucoloop.studies.adversary.attack import (
 )
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.text import glucose_text
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.evolution import library
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class ErrorSearch(NamedTuple):
+class _ErrorSearch(NamedTuple):
     """One search: a controller, guarded or not, under errors of one size."""
 
     key: dict[str, Any]
@@ -64,7 +64,7 @@ def _name(row: Mapping[str, Any]) -> str:
     return f"{_called(row)}, ±{row['error_pct']:g} %"
 
 
-def loops(config: Adversary) -> Iterator[list[ErrorSearch]]:
+def loops(config: Adversary) -> Iterator[list[_ErrorSearch]]:
     """Searches that share a loop: those of one controller, guarded or not, from small errors to large ones.
 
     Refusal for a part of a sample, or a library that is missing.
@@ -84,13 +84,13 @@ def loops(config: Adversary) -> Iterator[list[ErrorSearch]]:
         for guarded in WITH_GUARD[config.guards]:
             alone = config.with_cases((config.with_guard(case, guarded),))
             key = {"controller": case.label, "guarded": guarded}
-            yield [ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space) for space in spaces]
+            yield [_ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space) for space in spaces]
 
 
 notes = intravenous_boluses
 
 
-class GenerationScores(NamedTuple):
+class _GenerationScores(NamedTuple):
     """A generation of a search."""
 
     search: str
@@ -99,24 +99,24 @@ class GenerationScores(NamedTuple):
     """(lanes,) harm of each sequence."""
 
 
-def rows(config: Adversary) -> Rows[GenerationScores]:
+def rows(config: Adversary) -> Rows[_GenerationScores]:
     """Rows that are kept: the scores of each generation."""
     names = {_name(search.key) for searches in loops(config) for search in searches}
-    wanted = len(names) * config.generations
+    amount = len(names) * config.generations
 
-    def row(cells: Mapping[str, Any], before: Sequence[GenerationScores]) -> GenerationScores:
-        results = GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
+    def row(cells: Mapping[str, Any], before: Sequence[_GenerationScores]) -> _GenerationScores:
+        results = _GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
         number = sum(other.search == results.search for other in before)
-        known = results.search in names and results.generation == number < config.generations
-        if not known or results.score.shape != (config.lanes,):
+        expected = results.search in names and results.generation == number < config.generations
+        if not expected or results.score.shape != (config.lanes,):
             raise Refusal("this is no generation of the search")
         return results
 
     return Rows(
         file=ADVERSARY.results,
         what="generations",
-        wanted=wanted,
-        most=wanted,
+        wanted=amount,
+        most=amount,
         schema={"search": pl.String, "generation": pl.Int64, "score": pl.List(pl.Float64)},
         cells=lambda scores: {**scores._asdict(), "score": scores.score.tolist()},
         row=row,
@@ -126,7 +126,7 @@ def rows(config: Adversary) -> Rows[GenerationScores]:
     )
 
 
-class AdversarySearch:
+class _AdversarySearch:
     """All searches, each of which begins at the worst of the smaller errors."""
 
     def __init__(self, config: Adversary) -> None:
@@ -135,7 +135,7 @@ class AdversarySearch:
         self._loops: list[pl.DataFrame] = []
         self._engines: dict[str, dict[str, str]] = {}
 
-    def missing(self, rows: Sequence[GenerationScores]) -> Iterator[GenerationScores]:
+    def missing(self, rows: Sequence[_GenerationScores]) -> Iterator[_GenerationScores]:
         """Carry out the searches; the generations that are known are not simulated again."""
         for searches in loops(self._config):
             first = searches[0]
@@ -151,7 +151,7 @@ class AdversarySearch:
                 known = None if smaller is None else one.space.points_of(*smaller)
                 for generation in generations(judge_of(attack, who), one.space, self._config, before, known):
                     if generation.number >= len(before):
-                        yield GenerationScores(name, generation.number, generation.score)
+                        yield _GenerationScores(name, generation.number, generation.score)
                 smaller = one.space, generation.best
                 worst = worst_of(attack, who, one.space, generation)
                 self._numbers.append(_numbers(one, worst, attack, who, self._config.search_seed))
@@ -159,7 +159,7 @@ class AdversarySearch:
                     worst.loop.select(*(pl.lit(value).alias(key) for key, value in one.key.items()), pl.all())
                 )
 
-    def results_of(self, rows: Sequence[GenerationScores]) -> Results:
+    def results_of(self, rows: Sequence[_GenerationScores]) -> Results:
         """Numbers of each search, and the worst loops."""
         del rows
         glucose = pl.col("^.*lowest.*_mg_dl$")  # below 0 the model is not valid, and there is no number
@@ -174,10 +174,10 @@ class AdversarySearch:
         return Results(plain, tables)
 
 
-search = AdversarySearch
+search = _AdversarySearch
 
 
-def _numbers(search: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople, seed: int) -> dict[str, Any]:
+def _numbers(search: _ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople, seed: int) -> dict[str, Any]:
     """Numbers of one search, with those without errors, and with random ones of the same size on the people."""
     space, trial = search.space, search.trial
     never = np.full((space.stretches, 1), float(space.samples))
@@ -233,9 +233,9 @@ def sentences(config: Adversary, results: Results) -> Iterator[str]:
     yield f"Random errors: of the same size, drawn uniformly, on {people} people of {config.population.name}."
 
 
-def drawn(config: Adversary, results: Results) -> dict[str, bytes]:
+def files_of(config: Adversary, results: Results) -> dict[str, bytes]:
     """Figure of the worst loops, by the names of its files."""
-    return figure_files("worst", plot_adversary(results, _title(config)))
+    return figure_files("worst", _plot_adversary(results, _title(config)))
 
 
 _ROW_MM: Final = 52.0
@@ -249,7 +249,7 @@ _STATUS: Final = {
 """Label and colour of each status of a guard."""
 
 
-def plot_adversary(results: Results, title: str) -> Figure:
+def _plot_adversary(results: Results, title: str) -> Figure:
     """Draw the worst loop of every controller, one row for each, one column for each size of the errors.
 
     Above: the person's glucose, the sensor's readings, and lines at 54 and 70 mg/dl. Below: insulin as delivered, and

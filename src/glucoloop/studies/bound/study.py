@@ -18,8 +18,8 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
 from glucoloop.report.charts import extent
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
+from glucoloop.report.periods import validity_sentence
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.validity import validity_sentence
 from glucoloop.situations.run import Run
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound import BoundRequest
@@ -36,14 +36,14 @@ _COURSES: Final = ("t_min", "insulin_mU_min", "fine_t_min", "glucose_mg_dl")
 
 
 @dataclass(frozen=True)
-class Bounds:
+class _Bounds:
     """Plans by the knowledge of the meals, and plans under sensor noise."""
 
     plans: dict[str, OptimalDoses]
     hedged: dict[str, HedgedDoses]
 
     @property
-    def drawn(self) -> dict[str, OptimalDoses]:
+    def curves(self) -> dict[str, OptimalDoses]:
         """All plans for the meals as they are."""
         return {**self.plans, **{label: hedged.meal for label, hedged in self.hedged.items()}}
 
@@ -110,11 +110,11 @@ def bound_of_run(run: Run) -> OptimalDoses:
     )
 
 
-def _bounds(config: BoundRequest, progress: Callable[[str], None]) -> Bounds:
+def _bounds(config: BoundRequest, progress: Callable[[str], None]) -> _Bounds:
     scenario = config.as_scenario()
-    bounds = Bounds({}, {})
+    bounds = _Bounds({}, {})
     for known_after_min in dict.fromkeys([*([IN_ADVANCE] if config.in_advance else []), *config.known_after_min]):
-        label = information_label(known_after_min)
+        label = _information_label(known_after_min)
         bounds.plans[label] = optimal_doses(
             config.nominal,
             scenario,
@@ -140,7 +140,7 @@ def _bounds(config: BoundRequest, progress: Callable[[str], None]) -> Bounds:
     return bounds
 
 
-def information_label(known_after_min: float) -> str:
+def _information_label(known_after_min: float) -> str:
     """Knowledge of the meals, in words."""
     if known_after_min == IN_ADVANCE:
         return "all known in advance"
@@ -149,9 +149,9 @@ def information_label(known_after_min: float) -> str:
     return f"known {abs(known_after_min):g} min {'after' if known_after_min > 0.0 else 'before'} its start"
 
 
-def _notes(config: BoundRequest, bounds: Bounds) -> Iterator[str]:
+def _notes(config: BoundRequest, bounds: _Bounds) -> Iterator[str]:
     """Sentences on the plans that are not what they should be, and on what the numbers mean."""
-    for label, plan in bounds.drawn.items():
+    for label, plan in bounds.curves.items():
         if not plan.converged:
             yield (
                 f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
@@ -212,15 +212,15 @@ def tables(config: BoundRequest, results: Results) -> Iterator[FittingTable]:
     yield terminal_table("Information", [("", lines)], _COLUMNS)
 
 
-def drawn(config: BoundRequest, results: Results) -> dict[str, bytes]:
+def files_of(config: BoundRequest, results: Results) -> dict[str, bytes]:
     """The figure of all plans."""
     title = f"The best that could be done at {config.place}"
     bouts = config.as_scenario().exercise
-    figure = plot_bound(results.extra.drawn, config.eaten(), bouts, title=title, limits=config.limits)
+    figure = _plot_bound(results.extra.curves, config.eaten(), bouts, title=title, limits=config.limits)
     return figure_files("figure", figure)
 
 
-def plot_bound(
+def _plot_bound(
     plans: Mapping[str, OptimalDoses],
     meals: Sequence[Meal] = (),
     exercise: Sequence[Exercise] = (),

@@ -6,25 +6,25 @@ import dataclasses
 import functools
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
 from glucoloop.component.grammar import part_text
 from glucoloop.control.catalogue import ESTIMATING
 from glucoloop.control.part import ControllerPart
-from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart
+from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorPart
 from glucoloop.limits import MAX_DAYS
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
+from glucoloop.sensors import SensorPart, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
+from glucoloop.trials.trial import Trial
 
 if TYPE_CHECKING:
     from glucoloop.meals.plan import MealPlan
 
-DEFAULT_DAYS: Final = 100
+_DEFAULT_DAYS: Final = 100
 """Usual number of days of one person; of several people, one day each."""
-MAX_RUNS: Final = 100_000
+_MAX_RUNS: Final = 100_000
 _estimators = functools.partial(Option, panel="Estimators")
 
 
@@ -59,14 +59,14 @@ class Detection(Trial):
     meals: tuple[str, ...] = ("55g@5h", "55g@14.5h")
     meal_size_spread_pct: float = 80.0
     meal_time_spread_min: float = 90.0
-    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    sensor: tuple[SensorPart, ...] = (WhiteNoise.partial({"variance": 1.45}),)
     controller: tuple[Case, ...] = cases_of(ESTIMATING.name)
     days: Annotated[
         int | None,
         Option(
             "Days of each person.",
             panel=PATIENT_PANEL,
-            default=f"{DEFAULT_DAYS}; of several people 1",
+            default=f"{_DEFAULT_DAYS}; of several people 1",
             at_least=1,
             at_most=MAX_DAYS,
         ),
@@ -100,9 +100,9 @@ class Detection(Trial):
             )
         if self.estimates_by is not None and self.estimates_by.name != ESTIMATING.name:
             raise Refusal(f"--estimates-by is {self.estimates_by.called}; give settings of {ESTIMATING.name}")
-        if self.people * self.number_of_days > MAX_RUNS:
+        if self.people * self.number_of_days > _MAX_RUNS:
             raise Refusal(
-                f"{self.number_of_days} days of {self.people} people are too many; give at most {MAX_RUNS} days in all"
+                f"{self.number_of_days} days of {self.people} people are too many; give at most {_MAX_RUNS} days in all"
             )
         _ = self.estimating  # refuses settings that are at odds
 
@@ -118,7 +118,7 @@ class Detection(Trial):
     @property
     def number_of_days(self) -> int:
         """Days of each person."""
-        return self.days or (DEFAULT_DAYS if self.people == 1 else 1)
+        return self.days or (_DEFAULT_DAYS if self.people == 1 else 1)
 
     @functools.cached_property
     def estimating(self) -> ControllerPart:

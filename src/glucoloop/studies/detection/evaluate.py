@@ -24,8 +24,6 @@ from glucoloop._pytree import pytree
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import surroundings_of
-from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.engine import fold_of, loop_of, people_of
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.meals.plan import draw_meals
@@ -34,6 +32,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import Case
 from glucoloop.studies.detection import Detection
+from glucoloop.trials.blocks import in_blocks
+from glucoloop.trials.engine import fold_of, loop_of, people_of
 from glucoloop.units import MIN_PER_DAY
 
 T = TypeVar("T")
@@ -44,17 +44,17 @@ Numbers = npt.NDArray[np.int64]
 ENGINE: Final = {"engine": "xla", "not_native": "the replay of estimators, which runs in JAX alone"}
 """Engine of the days and of the estimates, as `PeopleLoop.engine_facts` has it."""
 _MAX_AT_ONCE: Final = 64
-AFTERMATH_MIN: Final = 60.0
+_AFTERMATH_MIN: Final = 60.0
 """Time after a meal's end for which it is still under way, and after which its size is judged."""
-THRESHOLDS: Final = (*(round(0.05 * k, 2) for k in range(1, 20)), 0.98, 0.99, 0.995)
+_THRESHOLDS: Final = (*(round(0.05 * k, 2) for k in range(1, 20)), 0.98, 0.99, 0.995)
 QUANTILES: Final = (0.1, 0.5, 0.9)
 JUDGED_AFTER_MIN: Final = (30, 60, 90, 120)
 """Times after a meal's beginning at which its expected size is judged."""
-LONGEST_AFTER_MIN: Final = 240.0
+_LONGEST_AFTER_MIN: Final = 240.0
 
 
 @pytree
-class Days:
+class _Days:
     """Recorded days; days trail."""
 
     person: Numbers
@@ -71,9 +71,9 @@ class Days:
     """`MealEstimates` along them, of an estimator."""
 
 
-def recorded_days(
+def _recorded_days(
     detection: Detection, case: Case, person: Numbers, day: Numbers, progress: Callable[[str], None]
-) -> dict[bool, Days]:
+) -> dict[bool, _Days]:
     """Days of people under a controller, by whether they are fasting days, which have noise of their own."""
     trial = detection.trial
     loop = loop_of(
@@ -86,18 +86,18 @@ def recorded_days(
         record_decisions=True,
     )
 
-    def block(fasting: bool, place: Numbers) -> Days:
+    def block(fasting: bool, place: Numbers) -> _Days:
         whose, which = person[place], day[place]
         with one_at_a_time:
-            drawn = people_of(trial, whose)
+            people = people_of(trial, whose)
             meals = _meals(detection, whose, which, fasting=fasting)
             keys = jax.vmap(jax.random.fold_in)(keys_of_people(trial.seed, whose), jnp.asarray(2 * which + fasting))
-        run = loop.run(drawn, keys, meals=meals)
-        return Days(
+        run = loop.run(people, keys, meals=meals)
+        return _Days(
             person=whose,
             day=which,
             meals=meals,
-            basal_insulin_mU_min=drawn.basal_insulin_mU_min,
+            basal_insulin_mU_min=people.basal_insulin_mU_min,
             reading_mg_dl=np.asarray(run.reading_mg_dl),
             insulin_mU_min=np.asarray(run.reported_mU_min),
             glucose_mg_dl=run.glucose_mg_dl[:-1],
@@ -131,20 +131,20 @@ def _meals(detection: Detection, person: Numbers, day: Numbers, *, fasting: bool
     if fasting or not number:
         none = np.zeros((max(1, number), person.size))
         return Eaten(t_min=none, carbs_g=none, eating_min=none)
-    drawn = draw_meals(detection.all_days, detection.trial.seed, person)
+    planned = draw_meals(detection.all_days, detection.trial.seed, person)
     rows, columns = day * number + np.arange(number)[:, None], np.arange(person.size)
-    of_day = jax.tree.map(lambda part: part[rows, columns], drawn)
-    return in_order(dataclasses.replace(of_day, t_min=of_day.t_min - MIN_PER_DAY * day))
+    of_day = jax.tree.map(lambda part: part[rows, columns], planned)
+    return _in_order(dataclasses.replace(of_day, t_min=of_day.t_min - MIN_PER_DAY * day))
 
 
-def in_order(meals: Eaten) -> Eaten:
+def _in_order(meals: Eaten) -> Eaten:
     """Meals of days ``(meals, days)``, sorted by their beginning within each day."""
     order = np.argsort(meals.t_min, axis=0, kind="stable")
     ordered: Eaten = jax.tree.map(lambda part: np.take_along_axis(np.asarray(part), order, 0), meals)
     return ordered
 
 
-def who_and_when(detection: Detection) -> tuple[Numbers, Numbers, int]:
+def _who_and_when(detection: Detection) -> tuple[Numbers, Numbers, int]:
     """Person and day of every run of people with a basal rate, and the number of people without one."""
     trial = detection.trial
     person = trial.first_person + np.arange(trial.people, dtype=np.int64)
@@ -154,9 +154,9 @@ def who_and_when(detection: Detection) -> tuple[Numbers, Numbers, int]:
     return np.repeat(feasible_person, day.size), np.tile(day, feasible_person.size), int((~feasible).sum())
 
 
-def with_estimates(
-    detection: Detection, name: str, recorded: Mapping[bool, Days], progress: Callable[[str], None]
-) -> dict[bool, Days]:
+def _with_estimates(
+    detection: Detection, name: str, recorded: Mapping[bool, _Days], progress: Callable[[str], None]
+) -> dict[bool, _Days]:
     """Days with the estimates of an estimator, with the settings of the controller that uses it."""
     trial, t_min = detection.trial, jnp.asarray(detection.trial.grid.t_min)
     known, estimating = trial.cases[0].known_dead_time, detection.estimating
@@ -164,7 +164,7 @@ def with_estimates(
     case = Case(label=name, controller=controller, known_dead_time=known).completed_in(trial)
     controller, late = controller_of(trial, case), trial.dead_time_samples if known else 0
 
-    def estimated(days: Days) -> Days:
+    def estimated(days: _Days) -> _Days:
         basal, rates = days.basal_insulin_mU_min, _believed(days.insulin_mU_min, days.basal_insulin_mU_min)
 
         def block(place: Numbers) -> Any:
@@ -206,7 +206,7 @@ def _believed(reported: Array, basal: Array) -> Array:
     return rates
 
 
-class Score(NamedTuple):
+class _Score(NamedTuple):
     """Score of an estimator."""
 
     tables: dict[str, pl.DataFrame]
@@ -220,7 +220,7 @@ class Score(NamedTuple):
 class Scores(NamedTuple):
     """Scores of all estimators, on as many days with meals as without; people without a basal rate are left out."""
 
-    by_estimator: dict[str, Score]
+    by_estimator: dict[str, _Score]
     days: int
     infeasible: int
 
@@ -231,43 +231,43 @@ def evaluate(detection: Detection, progress: Callable[[str], None]) -> Scores:
     `progress` is called with a short description of each finished step. Refusal for a design that is not possible, or
     if no basal rate holds any of the people at the setpoint.
     """
-    person, day, infeasible = who_and_when(detection)
+    person, day, infeasible = _who_and_when(detection)
     if not person.size:
         raise Refusal(
             f"no basal rate holds any of the {detection.trial.people} people at {detection.trial.target_mg_dl:g} "
             "mg/dl; give more people or another setpoint"
         )
-    recorded: dict[str, dict[bool, Days]] = {}
+    recorded: dict[str, dict[bool, _Days]] = {}
     cases = {case.label: case for case in detection.trial.cases}
     scores = {}
     for name in detection.tried:
         case = cases.get(name, detection.trial.cases[0])
         if case.label not in recorded:
-            recorded[case.label] = recorded_days(detection, case, person, day, progress)
-        days = with_estimates(detection, name, recorded[case.label], progress)
-        scores[name] = score(detection, days.get(False), days[True])
+            recorded[case.label] = _recorded_days(detection, case, person, day, progress)
+        days = _with_estimates(detection, name, recorded[case.label], progress)
+        scores[name] = _score(detection, days.get(False), days[True])
     return Scores(scores, person.size, infeasible)
 
 
-def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
+def _score(detection: Detection, fed: _Days | None, fasted: _Days) -> _Score:
     """Score of an estimator on days with meals, if there are any, and on as many without."""
     day = _day(detection, fasted if fed is None else fed)
     fed = jax.tree.map(lambda part: part[..., :0], fasted) if fed is None else fed
     grid, meals, eating = detection.trial.grid, fed.meals, fed.estimates.eating
-    quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.estimates.eating.shape, bool)
-    fasting_days, between_days = (days_of(counted, grid.sample_time_min) for counted in (always, quiet))
+    quiet, always = ~_under_way(meals, grid.t_min), np.ones(fasted.estimates.eating.shape, bool)
+    fasting_days, between_days = (_days_of(counted, grid.sample_time_min) for counted in (always, quiet))
     rows = {}
-    for threshold in np.unique([*THRESHOLDS, detection.threshold]).tolist():
-        delay, already = delays_min(eating, grid.t_min, meals, threshold, detection.trial.plan.horizon_min)
+    for threshold in np.unique([*_THRESHOLDS, detection.threshold]).tolist():
+        delay, already = _delays_min(eating, grid.t_min, meals, threshold, detection.trial.plan.horizon_min)
         results = np.isfinite(delay)
-        between = false_alarms(eating, quiet, threshold)
+        between = _false_alarms(eating, quiet, threshold)
         rows[threshold] = {
             "threshold": threshold,
             "delay_median_min": np.median(delay[results]) if results.any() else None,
             "delay_p90_min": np.quantile(delay[results], QUANTILES[-1]) if results.any() else None,
             "missed_pct": 100.0 * (~results & ~already).sum() / delay.size if delay.size else None,
             "already_pct": 100.0 * already.sum() / delay.size if delay.size else None,
-            "false_alarms_fasting_per_day": false_alarms(fasted.estimates.eating, always, threshold) / fasting_days,
+            "false_alarms_fasting_per_day": _false_alarms(fasted.estimates.eating, always, threshold) / fasting_days,
             "false_alarms_between_per_day": between / between_days if between_days else None,
         }
     at = rows[detection.threshold]
@@ -279,21 +279,21 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
     }
     curve = pl.DataFrame(list(rows.values()), schema=dict.fromkeys(at, pl.Float64))
     tables = {"curve": curve, **_of_meals(detection, fed), "day": day}
-    return Score(
+    return _Score(
         {name: table.with_columns(pl.col(pl.Float64).fill_nan(None)) for name, table in tables.items()}, alarms
     )
 
 
-def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
+def _of_meals(detection: Detection, fed: _Days) -> dict[str, pl.DataFrame]:
     """Each meal, and the error of the size over time."""
     grid, estimates, horizon_min = detection.trial.grid, fed.estimates, detection.trial.plan.horizon_min
     begin_min: Any = fed.meals.t_min
     carbs_g: Any = fed.meals.carbs_g
-    delay, already = delays_min(estimates.eating, grid.t_min, fed.meals, detection.threshold, horizon_min)
-    over = followed_min(fed.meals, horizon_min)
+    delay, already = _delays_min(estimates.eating, grid.t_min, fed.meals, detection.threshold, horizon_min)
+    over = _followed_min(fed.meals, horizon_min)
 
     def estimate(values: Any, at_min: Array) -> Array:
-        return estimate_at(values, grid.t_min, at_min, begin_min + delay, over)
+        return _estimate_at(values, grid.t_min, at_min, begin_min + delay, over)
 
     def expected(after_min: float) -> Array:
         return estimate(estimates.carbs_g + estimates.remaining_g, begin_min + after_min)
@@ -306,13 +306,13 @@ def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
         "delay_min": delay,
         "already": already,
         "missed": ~np.isfinite(delay) & ~already,
-        "estimated_g": estimate(estimates.carbs_g, end_min(fed.meals) + AFTERMATH_MIN),
+        "estimated_g": estimate(estimates.carbs_g, _end_min(fed.meals) + _AFTERMATH_MIN),
         **{f"expected_{after}_min_g": expected(after) for after in JUDGED_AFTER_MIN},
     }
     # day by day
     meals = pl.DataFrame({name: np.broadcast_to(column, begin_min.shape).T.ravel() for name, column in columns.items()})
     rows = []
-    for after in (grid.sample_time_min * np.arange(int(LONGEST_AFTER_MIN / grid.sample_time_min) + 1)).tolist():
+    for after in (grid.sample_time_min * np.arange(int(_LONGEST_AFTER_MIN / grid.sample_time_min) + 1)).tolist():
         error = (expected(after) - carbs_g).ravel()
         known = error[np.isfinite(error)]
         quantiles = np.quantile(known, QUANTILES) if known.size else np.full(len(QUANTILES), np.nan)
@@ -321,12 +321,12 @@ def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
     return {"meals": meals, "size_error": pl.DataFrame(rows)}
 
 
-def _day(detection: Detection, days: Days) -> pl.DataFrame:
+def _day(detection: Detection, days: _Days) -> pl.DataFrame:
     """The first day of the first person."""
     trial, t_min = detection.trial, detection.trial.grid.t_min
     eats = meal_model_of(people_of(trial, days.person[:1]).patient, trial.gut)
     meals = absorb(eats, jax.tree.map(lambda part: part[:, :1], days.meals))
-    first: Days = jax.tree.map(lambda part: part[..., 0], days)
+    first: _Days = jax.tree.map(lambda part: part[..., 0], days)
     return pl.DataFrame(
         {
             "t_min": t_min,
@@ -342,33 +342,35 @@ def _day(detection: Detection, days: Days) -> pl.DataFrame:
     )
 
 
-def end_min(meals: Eaten) -> Array:
+def _end_min(meals: Eaten) -> Array:
     """Time at which each meal has been served, ``(meals, days)``."""
     return np.asarray(meals.t_min + np.maximum(meals.carbs_g / SERVED_G_PER_MIN, meals.eating_min))
 
 
-def followed_min(meals: Eaten, horizon_min: float) -> Array:
+def _followed_min(meals: Eaten, horizon_min: float) -> Array:
     """Time at which each meal's period ends, by the next meal or the end of the day, ``(meals, days)``."""
     after = np.full((1, meals.t_min.shape[1]), horizon_min)
     followed: Array = np.minimum(np.concatenate([meals.t_min[1:], after]), horizon_min)
     return followed
 
 
-def under_way(meals: Eaten, t_min: Array) -> Truths:
+def _under_way(meals: Eaten, t_min: Array) -> Truths:
     """Whether a meal is being served, or was within the last 60 min, ``(samples, days)``."""
     t = t_min[:, None, None]
-    way: Truths = np.any((meals.t_min <= t) & (t <= end_min(meals) + AFTERMATH_MIN), axis=1)
+    way: Truths = np.any((meals.t_min <= t) & (t <= _end_min(meals) + _AFTERMATH_MIN), axis=1)
     return way
 
 
-def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, horizon_min: float) -> tuple[Array, Truths]:
+def _delays_min(
+    eating: Array, t_min: Array, meals: Eaten, threshold: float, horizon_min: float
+) -> tuple[Array, Truths]:
     """Delay of the first sample after each meal's beginning at which the probability is above the threshold.
 
     It is ``(meals, days)``, with NaN for a meal that was missed, or that began with the probability above the threshold
     already, which is told beside it. Meals of a day are in their order.
     """
     above = eating > threshold
-    last = np.minimum(end_min(meals) + AFTERMATH_MIN, followed_min(meals, horizon_min))
+    last = np.minimum(_end_min(meals) + _AFTERMATH_MIN, _followed_min(meals, horizon_min))
     delay, already = np.full(meals.t_min.shape, np.nan), np.zeros(meals.t_min.shape, bool)
     for row, (begin, until) in enumerate(zip(meals.t_min, last, strict=True)):
         before = np.searchsorted(t_min, begin, side="right") - 1
@@ -379,19 +381,19 @@ def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, hori
     return delay, already
 
 
-def false_alarms(eating: Array, quiet: Truths, threshold: float) -> int:
+def _false_alarms(eating: Array, quiet: Truths, threshold: float) -> int:
     """Number of rises of the probability above the threshold that begin in a quiet time, ``(samples, days)``."""
     above = eating > threshold
     before = np.concatenate([np.zeros_like(above[:1]), above[:-1]])
     return int((above & ~before & quiet).sum())
 
 
-def days_of(quiet: Truths, sample_time_min: float) -> float:
+def _days_of(quiet: Truths, sample_time_min: float) -> float:
     """Length of the quiet time, in days."""
     return float(quiet.sum() * sample_time_min / MIN_PER_DAY)
 
 
-def estimate_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_min: Array) -> Array:
+def _estimate_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_min: Array) -> Array:
     """Estimate for each meal at the first sample from a time on, all ``(meals, days)``.
 
     It is NaN where that sample is before the detection, until when an estimate is about the meal before, or not before

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SIZES_G: Final = (0.0, 30.0, 60.0, np.inf)
+_SIZES_G: Final = (0.0, 30.0, 60.0, np.inf)
 """Limits between small, middling and large meals."""
 
 
@@ -90,10 +90,10 @@ _ALARMS: Final = tuple(
 
 def results_of(config: Detection, progress: Callable[[str], None]) -> Results:
     """Simulate the days, try the estimators on them, and score what they say."""
-    return findings(config, evaluate(config, progress))
+    return _findings(config, evaluate(config, progress))
 
 
-def findings(config: Detection, scores: Scores) -> Results:
+def _findings(config: Detection, scores: Scores) -> Results:
     """Numbers of all estimators; a number without meals is null."""
     columns = {name: [pl.lit(name).alias("estimator"), pl.all()] for name in scores.by_estimator}
     tables = {
@@ -115,7 +115,7 @@ def findings(config: Detection, scores: Scores) -> Results:
 def _numbers(scores: Scores, meals: pl.DataFrame) -> Iterator[tuple[str, dict[str, Any]]]:
     """Numbers of each estimator, over all meals and by their size."""
     columns, cells = (*_DETECTED_COLUMNS, *_SIZES), pl.DataFrame({"estimator": list(scores.by_estimator)})
-    sizes = pl.DataFrame({"from_g": SIZES_G[:-1], "to_g": [*SIZES_G[1:-1], None]})
+    sizes = pl.DataFrame({"from_g": _SIZES_G[:-1], "to_g": [*_SIZES_G[1:-1], None]})
     sized = meals.sort("carbs_g").join_asof(sizes, left_on="carbs_g", right_on="from_g")
     by_size = measured(sized, cells.join(sizes, how="cross"), columns).partition_by("estimator", include_key=False)
     for row, of_sizes in zip(measured(meals, cells, columns).to_dicts(), by_size, strict=True):
@@ -161,10 +161,10 @@ def _lines(rows: Mapping[str, Row], columns: Sequence[Column]) -> list[Line]:
     lines: list[Line] = []
     for group, of_group in headings(columns):
         texts = {name: "  ".join(column.value_text(row) for column in of_group) for name, row in rows.items()}
-        known = {
+        available = {
             name: text if rows[name][of_group[0].name] is not None else NOT_AVAILABLE for name, text in texts.items()
         }
-        lines.append((group, [{**known, "unit": of_group[0].head}]))
+        lines.append((group, [{**available, "unit": of_group[0].head}]))
     return lines
 
 
@@ -174,9 +174,9 @@ def _size(row: Row) -> str:
     return f"{row['from_g']:g} to {row['to_g']:g} g" if row["from_g"] else f"up to {row['to_g']:g} g"
 
 
-def drawn(config: Detection, results: Results) -> dict[str, bytes]:
+def files_of(config: Detection, results: Results) -> dict[str, bytes]:
     """Figure, by the names of its files."""
-    return figure_files("figure", plot_detection(results, title=_title(config)))
+    return figure_files("figure", _plot_detection(results, title=_title(config)))
 
 
 def _title(config: Detection) -> str:
@@ -193,7 +193,7 @@ _FEWEST: Final = 0.1
 """Share of the meals that must be detected for quantiles to be meaningful."""
 
 
-def plot_detection(results: Results, *, title: str | None = None) -> Figure:
+def _plot_detection(results: Results, *, title: str | None = None) -> Figure:
     """Draw delay against false alarms, the error of the size over time, and a day.
 
     The first panel has a point for each threshold, the one that was asked for filled: the median delay of the meals

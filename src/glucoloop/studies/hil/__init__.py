@@ -15,7 +15,7 @@ from glucoloop.studies.study import PlainStudy
 if TYPE_CHECKING:
     from glucoloop.firmware.hil.faults import Disturbances
 
-EMULATED: Final = ("host", "cortex-m4f", "cortex-m7", "rv32")
+_EMULATED: Final = ("host", "cortex-m4f", "cortex-m7", "rv32")
 """Chips that need no hardware."""
 _SERIAL: Final = Need("the chip is at no serial port")
 _SILENCE: Final = Need("the chip always answers, since nothing disturbs it or the line")
@@ -69,7 +69,7 @@ class Hil(Run):
         _ = self.case  # refuses several
         if not self.emulated and "/" not in self.chip:
             raise Refusal(
-                f"the chip is {self.chip!r}; the known ones are: {', '.join(EMULATED)}, or the path of a serial port "
+                f"the chip is {self.chip!r}; the known ones are: {', '.join(_EMULATED)}, or the path of a serial port "
                 "such as /dev/ttyACM0"
             )
         if not self.emulated and self.disturbances.of_power:
@@ -93,7 +93,7 @@ class Hil(Run):
     @property
     def emulated(self) -> bool:
         """Whether the chip needs no hardware."""
-        return self.chip in EMULATED
+        return self.chip in _EMULATED
 
     @property
     def disturbances(self) -> Disturbances:

@@ -26,7 +26,7 @@ from glucoloop.units import MU_PER_U, S_PER_MIN
 
 
 @dataclass(frozen=True)
-class OnHardware(run_study.ClosedLoops):
+class _OnHardware(run_study.ClosedLoops):
     """The loop, with the files of the firmware."""
 
     firmware: Mapping[str, str] = field(default_factory=dict)
@@ -97,7 +97,7 @@ def results_of(config: Hil, progress: Callable[[int], None]) -> Results:
     }
     loop = run_study.findings(outcome, plain, (*outcome.notes, *_lines(config, exported, on_chip)))
     firmware = files(exported, config.chip) if config.emulated else portable_files(exported)
-    return dataclasses.replace(loop, extra=OnHardware(loop.extra.outcomes, firmware=firmware))
+    return dataclasses.replace(loop, extra=_OnHardware(loop.extra.outcomes, firmware=firmware))
 
 
 @contextlib.contextmanager
@@ -109,10 +109,10 @@ def _emulated(chip: str, exported: Exported) -> Iterator[Link]:
             yield link
 
 
-def drawn(config: Hil, results: Results) -> dict[str, bytes]:
+def files_of(config: Hil, results: Results) -> dict[str, bytes]:
     """Files of a run and of the firmware."""
     firmware = {name: text.encode() for name, text in results.extra.firmware.items()}
-    return {**run_study.drawn(config, results), **firmware}
+    return {**run_study.files_of(config, results), **firmware}
 
 
 tables, sentences = run_study.tables, run_study.sentences

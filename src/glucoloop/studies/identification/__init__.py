@@ -16,9 +16,9 @@ from glucoloop.situations.situation import Situation
 from glucoloop.studies.study import PlainStudy
 from glucoloop.unit_guess import INSULIN_RATE, RATE_CHANGE
 
-EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
+_EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
 """Settings of the simulated experiment, which a record replaces."""
-RECORD: Final = ("method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
+_RECORD: Final = ("method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
 """Settings that describe a record."""
 _experiment = functools.partial(Option, panel="Experiment on the virtual patient")
 _record = functools.partial(Option, panel="Record")
@@ -95,9 +95,9 @@ class ModelRequest(Situation):
         """The request with what is usual for the patient; what suits a record is chosen by the record."""
         given = self.given
         unused, what = (
-            (EXPERIMENT, "is about the simulated patient, but there is a record; leave one out")
+            (_EXPERIMENT, "is about the simulated patient, but there is a record; leave one out")
             if "data" in given
-            else (RECORD, "is about a record; give one with --data, or leave it out")
+            else (_RECORD, "is about a record; give one with --data, or leave it out")
         )
         for name in unused:
             if name in given:
@@ -121,7 +121,7 @@ class ModelRequest(Situation):
         """Given settings, or all that are used."""
         results: dict[str, Any] = super().tree(whole=whole)
         if whole:
-            unused = EXPERIMENT if self.data is not None else RECORD
+            unused = _EXPERIMENT if self.data is not None else _RECORD
             for name in (*unused, *(("laguerre_pole",) if self.best_pole else ())):
                 results.pop(name, None)
         return results

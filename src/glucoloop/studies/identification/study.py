@@ -48,13 +48,13 @@ from glucoloop.studies.identification import ModelRequest
 from glucoloop.text import printable
 from glucoloop.unit_guess import CONFIRM_ARGUMENT, CONFIRM_OPTION
 
-VALIDATION_SAMPLES: Final = 100
-VALIDATION_SHARE: Final = 0.1
+_VALIDATION_SAMPLES: Final = 100
+_VALIDATION_SHARE: Final = 0.1
 """Amplitude of the validation input as a share of the basal rate."""
 
 
 @dataclass(frozen=True)
-class Identified:
+class _Identified:
     """An identification with its results."""
 
     config: ModelRequest
@@ -71,7 +71,7 @@ class Identified:
     notes: tuple[str, ...]
 
 
-def _from_patient(config: ModelRequest) -> Identified:
+def _from_patient(config: ModelRequest) -> _Identified:
     person = config.nominal
     basal = float(person.basal_insulin_mU_min)
     amplitude_mU_min = config.amplitude_mU_min or 0.0
@@ -101,10 +101,10 @@ def _from_patient(config: ModelRequest) -> Identified:
             experiment(quiet_sensor), memory=memory, laguerre_functions=None, basal_insulin_mU_min=basal
         )
         truth = quiet.impulse_response
-    sequence = random_binary_sequence(VALIDATION_SAMPLES, VALIDATION_SHARE * basal, config.seed)
+    sequence = random_binary_sequence(_VALIDATION_SAMPLES, _VALIDATION_SHARE * basal, config.seed)
     answer = excite(person, basal + np.asarray(sequence), quiet_sensor, sample_time_min=config.sample_time_min)
     source = source_of(pulses.size, config.noise_variance)
-    return Identified(
+    return _Identified(
         config=config,
         record=record,
         data=None,
@@ -116,7 +116,7 @@ def _from_patient(config: ModelRequest) -> Identified:
         validated_on="random binary sequence",
         notes=(
             f"Model: {source} at {config.place}.",
-            f"Checked on a random binary sequence of {VALIDATION_SAMPLES} samples, free of noise.",
+            f"Checked on a random binary sequence of {_VALIDATION_SAMPLES} samples, free of noise.",
         ),
     )
 
@@ -136,7 +136,7 @@ def _columns(path: Path) -> dict[str, list[object]]:
         ) from None
 
 
-def _from_data(config: ModelRequest, path: Path) -> Identified:
+def _from_data(config: ModelRequest, path: Path) -> _Identified:
     try:
         record, notes = record_from_samples(
             *_columns(path).values(),
@@ -170,7 +170,7 @@ def _from_data(config: ModelRequest, path: Path) -> Identified:
     notes = (why, *notes, *_about_meals(record, identification))
     if config.not_from_rest:
         notes += ("The check shows the first readings worse than they are: insulin before the record is unknown.",)
-    return Identified(
+    return _Identified(
         config=config,
         record=record,
         data=read_text(path, "a record"),
@@ -315,7 +315,7 @@ def results_of(config: ModelRequest, progress: Callable[[str], None]) -> Results
     return Results(plain, {"record.csv": stored.record_table(identified.record)}, identified)
 
 
-def _plain(identified: Identified) -> dict[str, Any]:
+def _plain(identified: _Identified) -> dict[str, Any]:
     identification, validation = identified.identification, identified.validation
     return {
         "config": identified.config.tree(whole=True),
@@ -342,7 +342,7 @@ def tables(config: ModelRequest, results: Results) -> Iterator[object]:
     yield lines_table("Model", ["Value"], rows)
 
 
-def _properties(identified: Identified) -> Iterator[tuple[str, str, str]]:
+def _properties(identified: _Identified) -> Iterator[tuple[str, str, str]]:
     """Name, value and unit of each property of the model."""
     identification, model, check = identified.identification, identified.model, identified.validation
     yield "Gain", f"{float(identification.model.gain):.4f}", "mg/dl per mU/min"
@@ -363,7 +363,7 @@ def _properties(identified: Identified) -> Iterator[tuple[str, str, str]]:
     yield "Check: fit", f"{float(check.fit_percent):.1f}", "%"
 
 
-def how_to_go_on(results: Results, files: Mapping[str, str]) -> Iterator[str]:
+def next_steps(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     """Command that uses the model, unless no controller should be designed on it."""
     config: ModelRequest = results.extra.config
     if "model.json" not in files or results.plain["doubts"]:
@@ -374,9 +374,9 @@ def how_to_go_on(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     yield f"Use it: glucoloop run --model {files['model.json']}{hint}{late}"
 
 
-def drawn(config: ModelRequest, results: Results) -> dict[str, bytes]:
+def files_of(config: ModelRequest, results: Results) -> dict[str, bytes]:
     """The model, the record as it was given, the pictures, and the configuration, which names the record."""
-    identified: Identified = results.extra
+    identified: _Identified = results.extra
     response = plot_identification(identified.identification, truth=identified.truth)
     validation = plot_validation(
         identified.validation,
@@ -397,7 +397,7 @@ def drawn(config: ModelRequest, results: Results) -> dict[str, bytes]:
     return files
 
 
-def _warning(identified: Identified) -> tuple[str, ...]:
+def _warning(identified: _Identified) -> tuple[str, ...]:
     """Lines of warning about a model on which no controller should be designed."""
     doubts = identified.model.doubts()
     if not doubts:

@@ -16,7 +16,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.patients.settings import PATIENTS, PatientPart
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SENSORS, SensorPart
+from glucoloop.sensors import SENSORS, SensorPart
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.scenarios import SCENARIOS, ScenarioPart

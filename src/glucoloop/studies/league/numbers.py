@@ -22,8 +22,8 @@ from glucoloop.text import glucose_text
 
 Array = npt.NDArray[np.float64]
 
-CELL: Final = ("family", "sensor", "scenario")
-LINE: Final = (*CELL, "controller")
+_CELL: Final = ("family", "sensor", "scenario")
+LINE: Final = (*_CELL, "controller")
 METRICS: Final = (
     *("time_70_180_pct", "time_below_70_pct", "time_below_54_pct", "time_above_180_pct", "time_above_250_pct"),
     *("gri", "lbgi", "hbgi", "mean_mg_dl", "minimum_mg_dl", "time_below_validity_pct", "insulin_total_mU"),
@@ -166,7 +166,7 @@ def line_table(
     `people` has the columns of `LINE`, ``person``, ``insulin_U_day``, those of `METRICS` and whatever else the
     `columns` are made of; `lines` the columns of `LINE` alone.
     """
-    same = [*CELL, "person"]
+    same = [*_CELL, "person"]
     under_reference = people.filter(controller=reference).select(*same, **{f"ref_{of}": of for of in _MORE.values()})
     paired = people.join(under_reference, on=same, how="left", maintain_order="left").with_columns(
         worse_by_pct=worse_by_pct,
@@ -209,7 +209,7 @@ def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:
         "overall": _first_two(labels, risk.mean(axis=0), functools.partial(_of_means, risk)),
         "worst_off": {
             "people": _tenth(wide.height),
-            **_first_two(labels, worst_mean(risk), functools.partial(_of_worst, risk, seed)),
+            **_first_two(labels, _worst_mean(risk), functools.partial(_of_worst, risk, seed)),
         },
         "for_whom": dict(zip(labels, alone.sum(axis=0).tolist(), strict=True)),
     }
@@ -246,8 +246,8 @@ def _of_worst(risk: Array, seed: int, best: int, second: int) -> tuple[float, fl
     """Interval of the difference of the worst-off, by a bootstrap over the people; without bounds for few of them."""
     if _tenth(len(risk)) < _FEWEST:
         return -math.inf, math.inf
-    drawn = np.random.default_rng(seed).integers(0, len(risk), (_RESAMPLES, len(risk)))
-    worst = [worst_mean(risk[drawn, column].T) for column in (best, second)]
+    resampled = np.random.default_rng(seed).integers(0, len(risk), (_RESAMPLES, len(risk)))
+    worst = [_worst_mean(risk[resampled, column].T) for column in (best, second)]
     low, high = np.quantile(worst[1] - worst[0], _INTERVAL)
     return float(low), float(high)
 
@@ -256,7 +256,7 @@ def _tenth(people: int) -> int:
     return -(-people // _WORST_PART)
 
 
-def worst_mean(values: Array) -> Array:
+def _worst_mean(values: Array) -> Array:
     """Mean of the greatest tenth of the values in each column ``(people, columns)``, a whole number of people."""
     number = _tenth(len(values))
     return np.asarray(np.partition(values, len(values) - number, axis=0)[-number:].mean(axis=0))

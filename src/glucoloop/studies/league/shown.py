@@ -32,7 +32,7 @@ def _by_family(config: League, results: Results) -> dict[str, list[Row]]:
     return {name: [row for row in results.rows if row["family"] == name] for name in config.family_names}
 
 
-def cell_name(row: Row) -> str:
+def _cell_name(row: Row) -> str:
     """Sensor and scenario of a row, or both together."""
     return "all cells" if row["sensor"] == ALL else f"{row['sensor']}, {row['scenario']}"
 
@@ -78,7 +78,7 @@ def _harms(config: League, results: Results) -> Iterator[str]:
         else:
             which = f"the cell with {'the most' if row['harmed_cells'] > 1 else 'any'} harm"
         yield (
-            f"{row['controller']}: {which} is {row['family']} ({cell_name(row)}). Of "
+            f"{row['controller']}: {which} is {row['family']} ({_cell_name(row)}). Of "
             f"{how_many(row['people'], 'person', 'people')}, {_harmed(row['harmed_below_54'])} below 54 mg/dl, and "
             f"{_harmed(row['harmed_below_70'])} below 70 mg/dl, for over {config.worse_by_pct:g} % of the time longer "
             f"than under {config.reference.label}.{_below_54(row) if row['harmed_below_54'] else ''}"
@@ -140,9 +140,9 @@ _ZONES: Final = tuple(
 """Zones of the glycemia risk index, of D. C. Klonoff et al., J. Diabetes Sci. Technol. 17(5), 1226-1242, 2023."""
 
 
-def family_map(family: str, rows: Sequence[Row]) -> HeatMap:
+def _family_map(family: str, rows: Sequence[Row]) -> HeatMap:
     """Glycemia risk index of a family: cells in rows, all of them first, and controllers across."""
-    by_place = {(cell_name(row), row["controller"]): row for row in rows}
+    by_place = {(_cell_name(row), row["controller"]): row for row in rows}
     risk = next(column for column in COLUMNS if column.name == "gri_mean")
 
     def cell(name: str, controller: str) -> HeatCell:
@@ -157,12 +157,12 @@ def family_map(family: str, rows: Sequence[Row]) -> HeatMap:
         return HeatCell(shade, risk.value_text(row), f"▲{harmed}" if harmed else "", "\n".join(caption))
 
     controllers = list(dict.fromkeys(row["controller"] for row in rows))
-    return HeatMap("Glycemia risk index", list(dict.fromkeys(map(cell_name, rows))), controllers, cell)
+    return HeatMap("Glycemia risk index", list(dict.fromkeys(map(_cell_name, rows))), controllers, cell)
 
 
-def plot_league(config: League, results: Results, *, title: str | None = None, width: Width = "double") -> Figure:
+def _plot_league(config: League, results: Results, *, title: str | None = None, width: Width = "double") -> Figure:
     """Draw the glycemia risk index over all cells, families in rows and controllers across."""
-    maps = {family: family_map(family, rows) for family, rows in _by_family(config, results).items()}
+    maps = {family: _family_map(family, rows) for family, rows in _by_family(config, results).items()}
     controllers = list(dict.fromkeys(name for each in maps.values() for name in each.columns))
 
     def cell(family: str, controller: str) -> HeatCell:
@@ -184,10 +184,10 @@ def plot_league(config: League, results: Results, *, title: str | None = None, w
 def page(config: League, results: Results) -> str:
     """The page of a league: one file that needs neither network nor script."""
     by_family = _by_family(config, results)
-    maps = {family: family_map(family, rows) for family, rows in by_family.items()}
+    maps = {family: _family_map(family, rows) for family, rows in by_family.items()}
     unknown = any(cell.shade is UNKNOWN for each in maps.values() for cell in each.cells())
     bodies = {
-        family: [(name, [(row["controller"], row) for row in alike]) for name, alike in groupby(rows, cell_name)]
+        family: [(name, [(row["controller"], row) for row in alike]) for name, alike in groupby(rows, _cell_name)]
         for family, rows in by_family.items()
     }
     facts = {
@@ -208,7 +208,7 @@ def page(config: League, results: Results) -> str:
         sentences=_harms(config, results),
         facts=facts,
         repeat=Repeat("league --config league.toml", config.tree(whole=True), files, given=config.tree()),
-        asked=config,
+        config=config,
         about=results.plain["families"],
         verdicts=dict(zip(by_family, _verdicts(results), strict=True)),
         rankings=results.plain["rankings"],
@@ -221,12 +221,12 @@ def page(config: League, results: Results) -> str:
             for family, of_family in groupby(results.plain["nearest"], lambda row: row["family"])
         ],
         nearest_columns=reach.NEAREST,
-        told=reach.CAPTION,
+        nearest_caption=reach.CAPTION,
         distances={family: reach.distances(rows) if config.bound_people else "" for family, rows in by_family.items()},
         absent=results.plain["absent"],
     )
 
 
-def drawn(config: League, results: Results) -> dict[str, bytes]:
+def files_of(config: League, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
-    return {"league.html": page(config, results).encode(), **figure_files("figure", plot_league(config, results))}
+    return {"league.html": page(config, results).encode(), **figure_files("figure", _plot_league(config, results))}

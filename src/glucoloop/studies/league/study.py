@@ -12,8 +12,6 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.setting import Default
 from glucoloop.patients.settings import NOMINAL
 from glucoloop.refusal import Refusal
@@ -32,10 +30,12 @@ from glucoloop.studies.league.numbers import (
     ranking,
 )
 from glucoloop.studies.league.shown import columns_of
-from glucoloop.studies.league.shown import drawn as drawn
+from glucoloop.studies.league.shown import files_of as files_of
 from glucoloop.studies.league.shown import sentences as sentences
 from glucoloop.studies.league.shown import tables as tables
 from glucoloop.text import how_many
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY
 
 _DESIGN_S: Final = 0.5
@@ -49,7 +49,7 @@ _SAID: Final = ("engine", "lacks", "reason")
 _LONGEST_TEXT: Final = 4000
 
 
-class Line(NamedTuple):
+class _Line(NamedTuple):
     """A controller in a cell, or the best doses in a scenario, whose sensor is `ALL` and whose controller `KNOWN`."""
 
     family: str
@@ -80,10 +80,10 @@ class Line(NamedTuple):
         return _DESIGN_S + people * self.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
 
 
-class ShardResult(NamedTuple):
+class _ShardResult(NamedTuple):
     """People of a shard of a line: one row."""
 
-    line: Line
+    line: _Line
     shard: int
     engine: str
     lacks: str
@@ -95,7 +95,7 @@ class ShardResult(NamedTuple):
 
 
 @functools.lru_cache(maxsize=1)
-def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[Line]:
+def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[_Line]:
     results = []
     for patient, sensor, scenario, case in itertools.product(*parts):
         given = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
@@ -105,21 +105,21 @@ def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[L
             trial = Trial.partial(given).completed({"people": Default(people)})
         except Refusal as error:
             reason = str(error)
-        results.append(Line(family, of_sensor, of_scenario, case.label, trial, reason))
+        results.append(_Line(family, of_sensor, of_scenario, case.label, trial, reason))
     return results
 
 
-def lines_of(config: League) -> list[Line]:
+def _lines_of(config: League) -> list[_Line]:
     """Every controller in every cell; the controllers of a cell follow one another."""
     return _lines((config.families, config.sensors, config.scenarios, config.cases), config.people, config.seed)
 
 
-Shard = tuple[Line, int, npt.NDArray[np.int64]]
+Shard = tuple[_Line, int, npt.NDArray[np.int64]]
 """A line, a number, and people."""
 _NOBODY: Final = np.empty(0, np.int64)
 
 
-def shards_of(config: League, best_people: int | None = None) -> list[Shard]:
+def _shards_of(config: League, best_people: int | None = None) -> list[Shard]:
     """All shards with their people, in the order in which they are computed; one of nobody where it is not possible.
 
     The best doses come last, person after person, of as many as are asked for unless told otherwise, so that those of
@@ -128,7 +128,7 @@ def shards_of(config: League, best_people: int | None = None) -> list[Shard]:
     best_people = config.bound_people if best_people is None else best_people
     loops = [
         (line, number, _NOBODY if line.trial is None else line.trial.shard(number))
-        for line in lines_of(config)
+        for line in _lines_of(config)
         for number in range(1 if line.trial is None else line.trial.shards)
     ]
     best = [
@@ -139,10 +139,10 @@ def shards_of(config: League, best_people: int | None = None) -> list[Shard]:
     return loops + best
 
 
-def _best_lines(config: League) -> list[Line]:
+def _best_lines(config: League) -> list[_Line]:
     """Best doses of each family in each scenario; a trial with any of the controllers has its people and days."""
-    places: dict[tuple[str, str], Line] = {}
-    for line in lines_of(config):
+    places: dict[tuple[str, str], _Line] = {}
+    for line in _lines_of(config):
         place = line.family, line.scenario
         if place not in places or places[place].trial is None:
             places[place] = line._replace(sensor=ALL)
@@ -151,11 +151,11 @@ def _best_lines(config: League) -> list[Line]:
 
 def notes(config: League) -> Iterator[str]:
     """Notes on the amount of work, and on controllers that take no part."""
-    lines = lines_of(config)
+    lines = _lines_of(config)
     patient_days = sum(line.days * line.trial.people for line in lines if line.trial)
     best = sum(
         line.days * person.size
-        for line, _, person in shards_of(config)
+        for line, _, person in _shards_of(config)
         if (line.sensor, line.controller) == (ALL, reach.START)
     )
     searches = f", and the best doses of {best:.0f} patient-days to search for" if best else ""
@@ -174,11 +174,11 @@ def _left_out(config: League) -> Iterator[str]:
         )
 
 
-def rows(config: League) -> Rows[ShardResult]:
+def rows(config: League) -> Rows[_ShardResult]:
     """Rows that are kept: the people of each shard."""
-    shards = shards_of(config, MAX_BEST)  # those of a folder that went further are read, and refused with a sentence
+    shards = _shards_of(config, MAX_BEST)  # those of a folder that went further are read, and refused with a sentence
 
-    def row(cells: Mapping[str, Any], before: Sequence[ShardResult]) -> ShardResult:
+    def row(cells: Mapping[str, Any], before: Sequence[_ShardResult]) -> _ShardResult:
         line, number, person = shards[len(before)]
         people = {name: np.asarray(cells[name]) for name in ("person", "able", *METRICS)}
         person = person[:0] if cells["reason"] else person
@@ -186,12 +186,12 @@ def rows(config: League) -> Rows[ShardResult]:
         same_people = np.array_equal(people["person"], person) and len({v.shape for v in people.values()}) == 1
         if not same_people or any(cells[name] != value for name, value in expected.items()):
             raise Refusal("this is not the next shard of the league")
-        return ShardResult(line, number, **{name: cells[name] for name in _SAID}, people=people)
+        return _ShardResult(line, number, **{name: cells[name] for name in _SAID}, people=people)
 
     return Rows(
         file=LEAGUE.results,
         what="shards",
-        wanted=len(shards_of(config)),
+        wanted=len(_shards_of(config)),
         most=len(shards),
         schema={
             **dict.fromkeys(LINE, pl.String),
@@ -217,28 +217,28 @@ def rows(config: League) -> Rows[ShardResult]:
     )
 
 
-class LeagueSearch:
+class _LeagueSearch:
     """The loops of a league, one controller in one cell after the other."""
 
     def __init__(self, config: League) -> None:
         self._config = config
 
-    def missing(self, rows: Sequence[ShardResult]) -> Iterator[ShardResult]:
+    def missing(self, rows: Sequence[_ShardResult]) -> Iterator[_ShardResult]:
         """Carry out the shards that follow; a controller that cannot be designed has the reason in its rows."""
         best = reach.BestDoses()
-        for line, number, person in shards_of(self._config)[len(rows) :]:
+        for line, number, person in _shards_of(self._config)[len(rows) :]:
             try:
                 result = _computed(line, number, person, best)
             except Refusal as error:
                 people = {"person": person[:0], "able": person[:0] > 0, **dict.fromkeys(METRICS, np.empty(0))}
-                result = ShardResult(line, number, "", "", str(error)[: _LONGEST_TEXT // 2], people)
+                result = _ShardResult(line, number, "", "", str(error)[: _LONGEST_TEXT // 2], people)
             yield result
 
-    def results_of(self, results: Sequence[ShardResult]) -> Results:
+    def results_of(self, results: Sequence[_ShardResult]) -> Results:
         """Numbers of all lines, the ranking of each family, who is harmed, and who takes no part and why."""
         config, whole = self._config, rows(self._config).table(results)
         table, plans = whole.filter(pl.col("sensor") != ALL), whole.filter(sensor=ALL)
-        lines = pl.DataFrame([{**line.names, "days": line.days} for line in lines_of(config)])
+        lines = pl.DataFrame([{**line.names, "days": line.days} for line in _lines_of(config)])
         people = table.filter(reason="").explode("person", "able", *METRICS).join(lines, on=LINE, maintain_order="left")
         people = people.with_columns(
             insulin_U_day=pl.col("insulin_total_mU") / 1000.0 / pl.col("days"),
@@ -270,25 +270,25 @@ class LeagueSearch:
         return Results(plain, {"league.csv": numbers, "league.parquet": numbers})
 
 
-search = LeagueSearch
+search = _LeagueSearch
 
 
-def _computed(line: Line, number: int, person: npt.NDArray[np.int64], best: reach.BestDoses) -> ShardResult:
+def _computed(line: _Line, number: int, person: npt.NDArray[np.int64], best: reach.BestDoses) -> _ShardResult:
     """People of a line under its controller, or one under the best doses; Refusal where that is not possible."""
     if line.trial is None:
         raise Refusal(line.reason)
     if line.sensor == ALL:
-        return ShardResult(line, number, "", "", "", best.of(line.trial, number, line.controller))
+        return _ShardResult(line, number, "", "", "", best.of(line.trial, number, line.controller))
     prepared = prepare(line.trial)
     results, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
     metrics = {name: results.metrics[name] for name in METRICS}
     people = {"person": results.person, "able": results.feasible, **metrics}
-    return ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
+    return _ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
 
 
 def _families(config: League) -> Iterator[tuple[str, str]]:
     """Population and people of each family, and what is special about it."""
-    for family, of_family in groupby(lines_of(config), lambda line: line.family):
+    for family, of_family in groupby(_lines_of(config), lambda line: line.family):
         trials = [line.trial for line in of_family if line.trial is not None]
         names = sorted({f"{how_many(trial.people, 'person', 'people')} of {trial.population.name}" for trial in trials})
         lines = [f"{'; '.join(names)}."] if names else []

@@ -15,8 +15,8 @@ from glucoloop.situations.run import ControlledSituation
 from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
 from glucoloop.studies.twin import RecordOfPerson
 
-SUMMARY: Final = "twin.json"
-PERSON: Final = "person.toml:twin"
+_SUMMARY: Final = "twin.json"
+_PERSON: Final = "person.toml:twin"
 _replay = functools.partial(Option, panel="Replay")
 
 
@@ -57,7 +57,7 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
         family = self.kept().get("patient")
         if not isinstance(family, str):
             raise Refusal(f"{self.twin} holds no twin; give the folder of `glucoloop twin`")
-        return patient_entry(family).partial({"person": f"{self.twin}/{PERSON}"}, display_name=family)
+        return patient_entry(family).partial({"person": f"{self.twin}/{_PERSON}"}, display_name=family)
 
     def kept(self) -> dict[str, Any]:
         """Plain values of the twin; Refusal where there are none."""
@@ -65,9 +65,9 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
             raise Refusal("no twin is given; give the folder of `glucoloop twin`, like --twin twin")
         from glucoloop.storage.files import read_text
 
-        place = Path(self.twin) / SUMMARY
+        place = Path(self.twin) / _SUMMARY
         if not place.is_file():
-            raise Refusal(f"{self.twin} holds no {SUMMARY}; give the folder of `glucoloop twin`")
+            raise Refusal(f"{self.twin} holds no {_SUMMARY}; give the folder of `glucoloop twin`")
         try:
             return checked(dict[str, Any], json_value(read_text(place, "a twin")))
         except Refusal as error:

@@ -18,7 +18,6 @@ from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import Surroundings, surroundings_of
-from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.meals import Eaten
 from glucoloop.metrics import RunningMetrics
 from glucoloop.patients.capabilities import sites
@@ -37,6 +36,7 @@ from glucoloop.storage.results import Results
 from glucoloop.studies.replay import ReplayRequest
 from glucoloop.studies.twin.study import days_of
 from glucoloop.text import how_many
+from glucoloop.trials.blocks import block_size, in_blocks
 from glucoloop.twins import RecordedDays, ResidualSensor, Simulator, StoredTwin
 from glucoloop.twins.days import SAMPLE_MIN
 from glucoloop.twins.trajectory import WARM_UP_MIN
@@ -44,15 +44,15 @@ from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
 Values = npt.NDArray[np.float64]
 
-RECORD: Final = "record"
-RECORDED_DOSES: Final = "twin, recorded doses"
+_RECORD: Final = "record"
+_RECORDED_DOSES: Final = "twin, recorded doses"
 _LONGEST_FILLED_MIN: Final = 60.0
 """Longest time without readings over which a residual is carried."""
 _SHOWN_DAYS: Final = 2.0
 
 
 @dataclass(frozen=True)
-class Arm:
+class _Arm:
     """One therapy: glucose ``(people, times)`` and insulin ``(people, samples)``, the twin first."""
 
     name: str
@@ -83,12 +83,12 @@ class Arm:
 
 
 @dataclass(frozen=True)
-class Replayed:
+class _Replayed:
     """All arms, the twin under the recorded doses first, and the record."""
 
     days: RecordedDays
     grid: SampleGrid
-    arms: tuple[Arm, ...]
+    arms: tuple[_Arm, ...]
     left_out: int
 
 
@@ -103,7 +103,7 @@ def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Result
     if abs(config.sample_time_min - SAMPLE_MIN) > 1e-9:
         raise Refusal(f"a replay has samples of {SAMPLE_MIN:g} min, as its twin; leave --sample-time out")
     replayed = _replayed(config, twin, days, progress)
-    rows = [_row(RECORD, {name: value[:1] for name, value in _record(days).numbers().items()}, None)]
+    rows = [_row(_RECORD, {name: value[:1] for name, value in _record(days).numbers().items()}, None)]
     recorded = replayed.arms[0].numbers()
     rows += [_row(arm.name, arm.numbers(), None if arm is replayed.arms[0] else recorded) for arm in replayed.arms]
     plain = {
@@ -119,7 +119,9 @@ def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Result
     return Results(plain, {"numbers.csv": table, "courses.parquet": _courses(replayed)}, replayed)
 
 
-def _replayed(config: ReplayRequest, twin: StoredTwin, days: RecordedDays, progress: Callable[[str], None]) -> Replayed:
+def _replayed(
+    config: ReplayRequest, twin: StoredTwin, days: RecordedDays, progress: Callable[[str], None]
+) -> _Replayed:
     start = f"{days.first:%H:%M}"
     situation = Situation(**{**{name: getattr(config, name) for name in Situation.settings()}, "start": start})
     z = twin.coordinates(config.draws, config.seed)
@@ -143,12 +145,12 @@ def _replayed(config: ReplayRequest, twin: StoredTwin, days: RecordedDays, progr
     residual = _residual(days, seen) if config.carry else np.zeros_like(seen)
     t_min = SAMPLE_MIN * np.arange(samples + 1, dtype=np.float64)
     given = np.broadcast_to(days.insulin_mU_min[:samples], (len(seen), samples))
-    arms = [Arm(RECORDED_DOSES, t_min, recorded + residual, given)]
+    arms = [_Arm(_RECORDED_DOSES, t_min, recorded + residual, given)]
     for case in config.cases:
         run = _loop(situation, case, people, days, grid, residual if config.carry else None)
-        arms.append(Arm(case.label, t_min, run.glucose_mg_dl.T + residual, run.insulin_mU_min.T))
+        arms.append(_Arm(case.label, t_min, run.glucose_mg_dl.T + residual, run.insulin_mU_min.T))
         progress(case.label)
-    return Replayed(days, grid, tuple(arms), int(np.count_nonzero(~possible)))
+    return _Replayed(days, grid, tuple(arms), int(np.count_nonzero(~possible)))
 
 
 def _loop(
@@ -198,19 +200,19 @@ def _loop(
     return dataclasses.replace(runs[0], glucose_mg_dl=joined("glucose_mg_dl"), insulin_mU_min=joined("insulin_mU_min"))
 
 
-def _residual(days: RecordedDays, seen: Values) -> Values:
+def _residual(days: RecordedDays, twin_mg_dl: Values) -> Values:
     """Reading minus the twin at each sample ``(people, samples + 1)``; 0 where readings are missing for long."""
-    t_min = SAMPLE_MIN * np.arange(seen.shape[1])
+    t_min = SAMPLE_MIN * np.arange(twin_mg_dl.shape[1])
     reading = np.interp(t_min, days.reading_min, days.reading_mg_dl)
     after = np.clip(np.searchsorted(days.reading_min, t_min), 1, days.reading_min.size - 1)
     gap = days.reading_min[after] - days.reading_min[after - 1]
-    return np.where(gap <= _LONGEST_FILLED_MIN, reading - seen, 0.0)
+    return np.where(gap <= _LONGEST_FILLED_MIN, reading - twin_mg_dl, 0.0)
 
 
-def _record(days: RecordedDays) -> Arm:
+def _record(days: RecordedDays) -> _Arm:
     """The record itself, at its readings."""
     samples = math.floor(days.length_min / SAMPLE_MIN)
-    return Arm(RECORD, days.reading_min, days.reading_mg_dl[None], days.insulin_mU_min[None, :samples])
+    return _Arm(_RECORD, days.reading_min, days.reading_mg_dl[None], days.insulin_mU_min[None, :samples])
 
 
 def _row(name: str, numbers: Mapping[str, Values], recorded: Mapping[str, Values] | None) -> dict[str, Any]:
@@ -226,7 +228,7 @@ def _row(name: str, numbers: Mapping[str, Values], recorded: Mapping[str, Values
     return row
 
 
-def _courses(replayed: Replayed) -> pl.DataFrame:
+def _courses(replayed: _Replayed) -> pl.DataFrame:
     parts = []
     for arm in replayed.arms:
         low, high = np.percentile(arm.glucose_mg_dl, (5.0, 95.0), axis=0)
@@ -244,7 +246,7 @@ def _courses(replayed: Replayed) -> pl.DataFrame:
     return pl.concat(parts)
 
 
-def _notes(config: ReplayRequest, replayed: Replayed) -> Iterator[str]:
+def _notes(config: ReplayRequest, replayed: _Replayed) -> Iterator[str]:
     yield (
         "What the twin does not explain of the readings is carried along: the controller sees it, and it is in the "
         "glucose of every therapy, as if it came from outside and no dose had changed it."
@@ -302,10 +304,10 @@ def sentences(config: ReplayRequest, results: Results) -> Iterator[str]:
     )
 
 
-def drawn(config: ReplayRequest, results: Results) -> dict[str, bytes]:
+def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
     """The page and the figure."""
-    replayed: Replayed = results.extra
-    shown = _shown(replayed)
+    replayed: _Replayed = results.extra
+    days = _days_of_picture(replayed)
     page = render(
         Path(__file__).with_name("page.html"),
         "Replay of a record",
@@ -318,14 +320,14 @@ def drawn(config: ReplayRequest, results: Results) -> dict[str, bytes]:
             "People": f"the twin and {results.plain['people'] - 1} drawn from its posterior",
         },
         script=True,
-        plot=days_plot(shown, "90 % of people"),
+        plot=days_plot(days, "90 % of people"),
         rows=[(name, [("", row) for row in rows]) for name, rows in _lines(results)],
         columns=_COLUMNS,
     )
-    return {"page.html": page.encode(), **figure_files("figure", plot_days(shown))}
+    return {"page.html": page.encode(), **figure_files("figure", plot_days(days))}
 
 
-def _shown(replayed: Replayed) -> DaysShown:
+def _days_of_picture(replayed: _Replayed) -> DaysShown:
     """The last days."""
     days = replayed.days
     begin = max(WARM_UP_MIN, days.length_min - _SHOWN_DAYS * MIN_PER_DAY)

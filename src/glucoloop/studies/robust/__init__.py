@@ -7,7 +7,6 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.effects import Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.number_text import number_of
@@ -16,14 +15,15 @@ from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
+from glucoloop.sensors import SensorPart, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import Option
 from glucoloop.situations.ranges import RANGES as RANGES_KEY
 from glucoloop.situations.ranges import ranges_parted, with_ranges
 from glucoloop.studies.guarded import PAPER_MEAL
 from glucoloop.studies.study import SearchStudy
-from glucoloop.tuning.settings import SAMPLERS, SamplerPart
+from glucoloop.trials.trial import Trial
+from glucoloop.tuning.samplers import SAMPLERS, SamplerPart
 
 BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""
@@ -61,7 +61,7 @@ class Search(Trial):
 
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    sensor: tuple[SensorPart, ...] = (WhiteNoise.partial({"variance": 1.45}),)
     controller: tuple[Case, ...] = cases_of(SEARCHED.name)
     ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
         None

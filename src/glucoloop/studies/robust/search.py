@@ -24,9 +24,6 @@ from glucoloop.build.designs import design_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.build.titration import profile_of, with_profiles
-from glucoloop.cohorts.blocks import block_size
-from glucoloop.cohorts.engine import fold_of, loop_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.setting import known_names
 from glucoloop.control import Controller
@@ -42,6 +39,9 @@ from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import BOTH, ROBUST, Search
 from glucoloop.text import how_many
 from glucoloop.therapy import Profile, given_profile
+from glucoloop.trials.blocks import block_size
+from glucoloop.trials.engine import fold_of, loop_of
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.samplers import Evaluated
 
 Array = npt.NDArray[Any]
@@ -55,7 +55,7 @@ _PROBES: Final = (0.0, 0.37, 1.0)
 
 
 @dataclass(frozen=True)
-class Subjects:
+class _Subjects:
     """Subjects at the start of a run, who trail: people first, then the nominal patient."""
 
     patient: Patient
@@ -72,7 +72,7 @@ class Subjects:
     infeasible: int
     """People who were drawn but have no basal rate, and were left out."""
 
-    def at(self, place: npt.NDArray[np.intp]) -> Subjects:
+    def at(self, place: npt.NDArray[np.intp]) -> _Subjects:
         """The subjects at the given places, in their order; places may repeat."""
         return dataclasses.replace(
             self,
@@ -89,7 +89,7 @@ class Subjects:
         return int(self.basal_insulin_mU_min.size)
 
 
-def draw_subjects(trial: Trial, people: int, people_seed: int, *, seeds: int, first_seed: int) -> Subjects:
+def _draw_subjects(trial: Trial, people: int, people_seed: int, *, seeds: int, first_seed: int) -> _Subjects:
     """Draw people and the noises of the nominal patient, at whose setpoint all rest.
 
     Persons 0 to ``people - 1`` of a seed have the same noise as in a trial of that seed. The noises of the nominal
@@ -114,7 +114,7 @@ def draw_subjects(trial: Trial, people: int, people_seed: int, *, seeds: int, fi
     basal = np.asarray(nominal.basal_insulin_mU_min, float)
     rest = np.asarray(nominal.steady_state(jnp.asarray(basal)), float)
     noise = jax.vmap(jax.random.key)(jnp.arange(first_seed, first_seed + seeds, dtype=jnp.uint32))
-    return Subjects(
+    return _Subjects(
         patient=jax.tree.unflatten(tree, joined),
         rest=np.concatenate([drawn.rest[:, feasible], np.repeat(rest[:, None], seeds, axis=1)], axis=1),
         basal_insulin_mU_min=np.append(drawn.basal_insulin_mU_min[feasible], np.full(seeds, basal)),
@@ -129,7 +129,7 @@ def draw_subjects(trial: Trial, people: int, people_seed: int, *, seeds: int, fi
     )
 
 
-class TuningLoop:
+class _TuningLoop:
     """A controller of a trial with its compiled loop for many tunings; Refusal if it cannot be designed.
 
     The numbers of a tuning are leaves of the controller. Those that a search may change have a trailing axis, like
@@ -140,7 +140,7 @@ class TuningLoop:
     which show the values that differ between them.
     """
 
-    def __init__(self, trial: Trial, case: Case, space: Sequence[Tuned], example: Subjects) -> None:
+    def __init__(self, trial: Trial, case: Case, space: Sequence[Tuned], example: _Subjects) -> None:
         self._case, self._design_of = case, design_of(trial, case)
         self._grid, self._fold = trial.grid, fold_of(trial)
         self._like_people = functools.partial(of_nominal_person, situation=trial, example=example)
@@ -164,7 +164,7 @@ class TuningLoop:
         )
         self.engine_facts = self._loop.engine_facts
 
-    def run(self, subjects: Subjects, tunings: Sequence[Tuning] = ({},)) -> Iterator[dict[str, Array] | None]:
+    def run(self, subjects: _Subjects, tunings: Sequence[Tuning] = ({},)) -> Iterator[dict[str, Array] | None]:
         """Yield `METRICS` ``(subjects,)`` by name under each tuning, in order, as soon as they are known.
 
         A tuning that the design refuses gives None.
@@ -200,7 +200,7 @@ class TuningLoop:
                 else:
                     yield None
 
-    def _block(self, subjects: Subjects, controllers: Sequence[Controller], which: Array, place: Array) -> Array:
+    def _block(self, subjects: _Subjects, controllers: Sequence[Controller], which: Array, place: Array) -> Array:
         """Metrics ``(metrics, size)`` of subjects at places, each under one of the controllers."""
         first, some = int(which.min()), subjects.at(place)
         controller = self._of(controllers[first : which.max() + 1], which - first, some.profile)
@@ -239,7 +239,7 @@ AS_IT_WAS: Final = "as it was"
 _MAX_CANDIDATES: Final = 1_000_000
 Candidate = dict[str, Any]
 """A tuning that was tried, as a row: its number, its round, the tuned numbers, and its scores."""
-LOW_MG_DL: Final = 60.0
+_LOW_MG_DL: Final = 60.0
 
 
 def _objective(name: str, head: str, short: str, digits: int = 1) -> Column:
@@ -296,13 +296,13 @@ def scores(metrics: Mapping[str, npt.NDArray[Any]], people: int) -> Scores:
         "peak_p95_mg_dl": float(np.quantile(peak[nominal], 0.95)),
         "people_undershoot_p95_mg_dl": float(np.quantile(undershoot[of_people], 0.95)),
         "people_peak_p95_mg_dl": float(np.quantile(peak[of_people], 0.95)),
-        "people_below_60": float((lowest[of_people] < LOW_MG_DL).sum()) if finite else float("nan"),
+        "people_below_60": float((lowest[of_people] < _LOW_MG_DL).sum()) if finite else float("nan"),
         "total_variation_mU_min": float(np.median(variation[nominal])),
     }
 
 
 @dataclass(frozen=True)
-class Bound:
+class _Bound:
     """A bound on an objective."""
 
     objective: str
@@ -315,8 +315,8 @@ class Bound:
         return (scores[OBJECTIVES[self.objective].name] - self.most) / max(abs(self.most), 1.0)
 
 
-def judged(
-    candidates: pl.DataFrame, bounds: Sequence[Bound], objectives: Sequence[str], prefer: str = BOTH
+def _judged(
+    candidates: pl.DataFrame, bounds: Sequence[_Bound], objectives: Sequence[str], prefer: str = BOTH
 ) -> pl.DataFrame:
     """Tunings that were tried, with columns for those that keep the bounds, those on the front, and the chosen one.
 
@@ -330,8 +330,8 @@ def judged(
     acceptable = finite & np.all(over <= 0.0, axis=0)
     front = np.zeros(len(candidates), bool)
     if acceptable.any():
-        front[acceptable] = pareto(values[acceptable])
-        chosen = np.flatnonzero(front)[choose(values[front], objectives, prefer)]
+        front[acceptable] = _pareto(values[acceptable])
+        chosen = np.flatnonzero(front)[_choose(values[front], objectives, prefer)]
     else:
         excess = np.maximum(over, 0.0).sum(axis=0)
         chosen = np.argmin(np.where(finite & np.isfinite(excess), excess, np.inf))
@@ -342,7 +342,7 @@ def judged(
     )
 
 
-def pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+def _pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     """Whether each row of ``(n, 2)`` is on the Pareto front: no row is better in one column and as good in both."""
     order = np.lexsort((values[:, 1], values[:, 0]))
     front = np.zeros(len(values), bool)
@@ -355,7 +355,7 @@ def pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     return front
 
 
-def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: str) -> int:
+def _choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: str) -> int:
     """Index of the row of a front ``(n, 2)`` that is chosen.
 
     It has the least value of the preferred objective; or, for ``"both"``, it is nearest to the least of both, each
@@ -369,7 +369,7 @@ def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: s
     return int(np.argmin(np.hypot(away[:, 0], away[:, 1])))
 
 
-def tuning_of(config: Search, candidate: Candidate) -> dict[str, float]:
+def _tuning_of(config: Search, candidate: Candidate) -> dict[str, float]:
     """The tuned numbers of a candidate."""
     return {setting.name: candidate[setting.name] for setting in config.space}
 
@@ -402,18 +402,18 @@ class SearchEngine:
 
     def __init__(self, config: Search) -> None:
         self.config = config
-        self.subjects = draw_subjects(
+        self.subjects = _draw_subjects(
             config.trial, config.people, config.people_seed, seeds=config.seeds, first_seed=config.first_seed
         )
-        self._loops: dict[str, TuningLoop] = {}
+        self._loops: dict[str, _TuningLoop] = {}
         self.references = {
             case.label: self._scores(next(self._loop(case).run(self.subjects))) for case in config.trial.cases[1:]
         }
         """Scores of the reference controllers, by label."""
         self.bounds = [
-            Bound(name, self.references[most][OBJECTIVES[name].name], most)
+            _Bound(name, self.references[most][OBJECTIVES[name].name], most)
             if isinstance(most, str)
-            else Bound(name, most)
+            else _Bound(name, most)
             for name, most in config.bounds
         ]
 
@@ -422,37 +422,37 @@ class SearchEngine:
 
         Refusal for a sampler that asks for other tunings than it did before.
         """
-        config, known = self.config, list(before)
+        config, rows = self.config, list(before)
         start = None
         if all(setting.holds(config.initial[setting.name]) for setting in config.space):
             start = {setting.name: setting.rounded(config.initial[setting.name]) for setting in config.space}
         sampler = config.sampler.made(space=config.space, batch=config.batch, start=start)
         for first in range(0, config.rounds * config.batch, config.batch):
             tunings = sampler.ask(config.batch)
-            held = known[first : first + config.batch]
-            for candidate, tuning in zip(held, tunings, strict=False):
-                if tuning_of(config, candidate) != tuning:
+            stored = rows[first : first + config.batch]
+            for candidate, tuning in zip(stored, tunings, strict=False):
+                if _tuning_of(config, candidate) != tuning:
                     raise Refusal(
                         f"candidate {candidate['candidate']} of the search was another tuning than "
                         f"{config.sampler.called} proposes now; go on with the libraries with which it was begun, or "
                         "begin again with --overwrite"
                     )
-            todo = tunings[len(held) :]
+            todo = tunings[len(stored) :]
             runs = self._loop(config.tuned).run(self.subjects, todo) if todo else ()
             for tuning, metrics in zip(todo, runs, strict=True):
-                place = {"candidate": len(known), "round": first // config.batch}
-                known.append({**place, **tuning, **self._scores(metrics)})
-                yield known[-1]
-            sampler.tell([self._outcome(candidate) for candidate in known[first : first + config.batch]])
+                place = {"candidate": len(rows), "round": first // config.batch}
+                rows.append({**place, **tuning, **self._scores(metrics)})
+                yield rows[-1]
+            sampler.tell([self._outcome(candidate) for candidate in rows[first : first + config.batch]])
 
     def results_of(self, rows: Sequence[Candidate]) -> Results:
         """Choose a tuning, and check it."""
         config = self.config
-        table = judged(rows_of(config).table(rows), self.bounds, config.objectives, config.prefer)
+        table = _judged(rows_of(config).table(rows), self.bounds, config.objectives, config.prefer)
         acceptable, front = table.filter("keeps_the_bounds"), table.filter("on_the_front")
         front = front.sort(OBJECTIVES[config.objectives[0]].name, maintain_order=True)
         chosen = table.row(by_predicate=pl.col("chosen"), named=True)
-        check, scores_of_check = self.check(tuning_of(config, chosen))
+        check, scores_of_check = self.check(_tuning_of(config, chosen))
         left, people = self.subjects.infeasible, how_many(config.people, "person", "people")
         has, was = ("has", "was") if left == 1 else ("have", "were")
         left_out = [f"{left} of {people} {has} no basal rate and {was} left out."] if left else []
@@ -463,7 +463,7 @@ class SearchEngine:
             "bounds": [{"objective": b.objective, "at_most": b.most, "of": b.controller} for b in self.bounds],
             "chosen": {**self._plain(chosen), "keeps_the_bounds": chosen["keeps_the_bounds"]},
             "front": [self._plain(row) for row in front.to_dicts()],
-            "as_it_was": self._plain(rows[0]) if tuning_of(config, rows[0]) == config.initial else None,
+            "as_it_was": self._plain(rows[0]) if _tuning_of(config, rows[0]) == config.initial else None,
             "beside": self.references,
             "check": scores_of_check,
             "engines": (engines := {label: loop.engine_facts for label, loop in self._loops.items()}),
@@ -477,7 +477,7 @@ class SearchEngine:
         Nothing is told of a tuning that the design refuses.
         """
         config = self.config
-        subjects = draw_subjects(
+        subjects = _draw_subjects(
             config.trial,
             config.check_people,
             config.check_people_seed,
@@ -504,10 +504,10 @@ class SearchEngine:
         )
         return table, {label: scores(metrics, subjects.people) for label, metrics in done.items()}
 
-    def _loop(self, case: Case) -> TuningLoop:
+    def _loop(self, case: Case) -> _TuningLoop:
         if case.label not in self._loops:
             space = self.config.space if case.label == self.config.tuned.label else ()
-            self._loops[case.label] = TuningLoop(self.config.trial, case, space, self.subjects)
+            self._loops[case.label] = _TuningLoop(self.config.trial, case, space, self.subjects)
         return self._loops[case.label]
 
     def _scores(self, metrics: Mapping[str, npt.NDArray[Any]] | None) -> Scores:
@@ -515,7 +515,7 @@ class SearchEngine:
 
     def _plain(self, row: Candidate) -> dict[str, Any]:
         scores = {name: row[name] for name in NO_SCORES}
-        return {"candidate": row["candidate"], "tuning": tuning_of(self.config, row), "scores": scores}
+        return {"candidate": row["candidate"], "tuning": _tuning_of(self.config, row), "scores": scores}
 
     def _outcome(self, candidate: Candidate) -> Evaluated:
         return Evaluated(

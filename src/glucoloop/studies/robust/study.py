@@ -99,7 +99,7 @@ def sentences(config: Search, results: Results) -> Iterator[str]:
     )
 
 
-def drawn(config: Search, results: Results) -> dict[str, bytes]:
+def files_of(config: Search, results: Results) -> dict[str, bytes]:
     """The chosen tuning as the configuration of a run, and the figure."""
     trial, case = config.trial, config.tuned
     people = how_many(config.people, "person", "people")
@@ -110,7 +110,7 @@ def drawn(config: Search, results: Results) -> dict[str, bytes]:
     best = _best(config, results.plain["chosen"]["tuning"])
     return {
         "best.toml": toml_text(best.tree(whole=True), "run --config best.toml", best.tree()).encode(),
-        **figure_files("front", plot_robust(config, results, title=title)),
+        **figure_files("front", _plot_robust(config, results, title=title)),
     }
 
 
@@ -130,7 +130,7 @@ _ROOM: Final = 0.06
 _MARKERS: Final = ("D", "s", "^", "v", "P", "X")
 
 
-def plot_robust(config: Search, results: Results, *, title: str | None = None) -> Figure:
+def _plot_robust(config: Search, results: Results, *, title: str | None = None) -> Figure:
     """Draw the two objectives of every tuning with the front, and undershoot on subjects that were not searched on."""
     figure = _style.new_figure("double", _HEIGHT_MM, title)
     trade, people, noise = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.5, 1.0, 1.0]})

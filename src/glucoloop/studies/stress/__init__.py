@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Final
 
 from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
+from glucoloop.sensors import SensorPart, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import SENSOR_PANEL, Option
 from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial
@@ -55,7 +55,7 @@ class StressTest(GuardedTrial):
     people: int = 100
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    sensor: tuple[SensorPart, ...] = (WhiteNoise.partial({"variance": 1.45}),)
     controller: tuple[Case, ...] = cases_of(*PAPER_CONTROLLERS)
     faults: Annotated[
         tuple[FaultPart, ...],

@@ -8,12 +8,12 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.cohorts.engine import PreparedTrial, alone
 from glucoloop.control import Status
-from glucoloop.report.moments import period_text
+from glucoloop.report.periods import period_text
 from glucoloop.text import glucose_text, how_many
+from glucoloop.trials.engine import PreparedTrial, alone
 
-LOW_MG_DL: Final = 60.0
+_LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0
 """Time before a low for which the insulin is examined."""
 _BIAS_MG_DL: Final = 4.0
@@ -35,14 +35,15 @@ def reason_of(prepared: PreparedTrial, label: str, person: int) -> str:
 
 def _sentences(trace: Any, sample_time_min: float, start_min: float = 0.0) -> Iterator[str]:
     glucose = trace.fine_glucose_mg_dl
-    low = np.flatnonzero(glucose < LOW_MG_DL)
+    low = np.flatnonzero(glucose < _LOW_MG_DL)
     if not low.size:
-        yield f"Simulated alone, the person stayed above {LOW_MG_DL:g} mg/dl, by {glucose.min() - LOW_MG_DL:.1f} mg/dl."
+        margin = f"{glucose.min() - _LOW_MG_DL:.1f} mg/dl"
+        yield f"Simulated alone, the person stayed above {_LOW_MG_DL:g} mg/dl, by {margin}."
         return
     first_min, last_min = trace.fine_t_min[low[0]], trace.fine_t_min[low[-1]]
     least = glucose_text(glucose.min())
     when = period_text(round(first_min), round(last_min), float(trace.fine_t_min[-1]), start_min)
-    yield f"Below {LOW_MG_DL:g} mg/dl {when}, least {least} mg/dl."
+    yield f"Below {_LOW_MG_DL:g} mg/dl {when}, least {least} mg/dl."
     before = (trace.t_min >= first_min - _BEFORE_MIN) & (trace.t_min <= first_min)
     yield from _on_readings(trace, before)
     yield from _on_pump(trace, trace.t_min <= first_min, sample_time_min)
@@ -56,14 +57,14 @@ def _sentences(trace: Any, sample_time_min: float, start_min: float = 0.0) -> It
 
 
 def _on_readings(trace: Any, before: Any) -> Iterator[str]:
-    known = trace.reading_valid & np.isfinite(trace.reading_mg_dl)
-    missing = int((~known & before).sum())
+    valid = trace.reading_valid & np.isfinite(trace.reading_mg_dl)
+    missing = int((~valid & before).sum())
     if missing:
         yield f"Of the {int(before.sum())} readings before it {how_many(missing, 'was', 'were')} missing."
-    seen = before & known
-    if not seen.any():
+    used = before & valid
+    if not used.any():
         return
-    error = (trace.reading_mg_dl - trace.glucose_mg_dl)[seen]
+    error = (trace.reading_mg_dl - trace.glucose_mg_dl)[used]
     middle, largest = float(np.median(error)), float(error[np.abs(error).argmax()])
     if abs(middle) > _BIAS_MG_DL:
         yield f"Readings were {abs(middle):.0f} mg/dl too {'high' if middle > 0.0 else 'low'} in the median before it."
@@ -78,11 +79,11 @@ def _on_pump(trace: Any, so_far: Any, sample_time_min: float) -> Iterator[str]:
         (trace.reported_mU_min, trace.reported_bolus_mU),
     )
     # boluses count evenly
-    command, given, reported = (
+    command, delivered, reported = (
         (rate if bolus is None else rate + bolus / sample_time_min)[so_far] for rate, bolus in doses
     )
-    lost = float((command - given).sum() / max(command.sum(), 1.0))
+    lost = float((command - delivered).sum() / max(command.sum(), 1.0))
     if lost > _LESS:
         yield f"Until then the pump had delivered {100.0 * lost:.0f} % less than it was told."
-    if float(np.nansum(reported - given)) > _LESS * float(given.sum()):
+    if float(np.nansum(reported - delivered)) > _LESS * float(delivered.sum()):
         yield "It had not said so."

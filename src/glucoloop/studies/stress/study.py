@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from glucoloop.cohorts.engine import prepare
-from glucoloop.cohorts.trial import Trial
 from glucoloop.faults import FAULTS
 from glucoloop.report import Repeat
 from glucoloop.report.columns import (
@@ -33,12 +31,14 @@ from glucoloop.report.template import render
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
-from glucoloop.storage.trials.folder import TrialFolder
-from glucoloop.storage.trials.shard import people_table
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.studies.stress import StressTest
 from glucoloop.studies.stress.reasons import reason_of
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent, the_first
+from glucoloop.trials.engine import prepare
+from glucoloop.trials.folder import TrialFolder
+from glucoloop.trials.shard import people_table
+from glucoloop.trials.trial import Trial
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,12 +47,12 @@ if TYPE_CHECKING:
 
 
 NO_FAULT: Final = ""
-MAX_MORE_PCT: Final = 1.0
+_MAX_MORE_PCT: Final = 1.0
 """Largest increase of the time below 60 mg/dl, in percent of the run, that a fault may cause for a cell to pass."""
 
 
 @dataclass(frozen=True)
-class StressCell:
+class _StressCell:
     """A controller, with or without a guard, under a fault or none."""
 
     controller: str
@@ -67,7 +67,7 @@ class StressCell:
         return " | ".join(filter(None, (self.controller, "guarded" if self.guarded else "", self.fault)))
 
 
-def cells_of(config: StressTest) -> dict[StressCell, Case]:
+def _cells_of(config: StressTest) -> dict[_StressCell, Case]:
     """The case of a trial for each cell."""
     faults = {NO_FAULT: (), **{text: (fault,) for text, fault in zip(config.fault_texts, config.faults, strict=True)}}
     cells = {}
@@ -75,17 +75,17 @@ def cells_of(config: StressTest) -> dict[StressCell, Case]:
         for guarded in WITH_GUARD[config.guards]:
             in_cell = config.with_guard(case, guarded)
             for text, fault in faults.items():
-                cell = StressCell(case.label, guarded, text)
+                cell = _StressCell(case.label, guarded, text)
                 cells[cell] = dataclasses.replace(in_cell, label=cell.label, faults=fault)
     return cells
 
 
 def trial_of(config: StressTest) -> Trial:
     """Trial with a case for each cell."""
-    return config.with_cases(tuple(cells_of(config).values()), faults=())
+    return config.with_cases(tuple(_cells_of(config).values()), faults=())
 
 
-def cell_table(cells: Iterable[StressCell], people: pl.DataFrame, samples: int) -> pl.DataFrame:
+def _cell_table(cells: Iterable[_StressCell], people: pl.DataFrame, samples: int) -> pl.DataFrame:
     """The numbers of each cell, over the people whose glucose stayed finite there and without the fault.
 
     `people` are those of each cell, from `people_table`; `samples` is the number of samples of a run.
@@ -115,7 +115,7 @@ def _share(kind: str, short: str | None = None, **others: Any) -> Column:
 
 _60, _54, _LOWEST = pl.col("time_below_60_pct"), pl.col("time_below_54_pct"), pl.col("minimum_mg_dl")
 _MORE, _PERSON = pl.col("more_pct"), pl.col("person")
-_WORSE: Final = _MORE > MAX_MORE_PCT
+_WORSE: Final = _MORE > _MAX_MORE_PCT
 _worse_off = functools.partial(Column, group="Worse off", strong=lambda row: bool(row["worse"]))
 _below_60 = functools.partial(Column, group="Time below 60 mg/dl (%)", short_text=terse_percent)
 _below_54 = functools.partial(Column, group="Time below 54 mg/dl (%)", short_text=terse_percent)
@@ -165,7 +165,7 @@ COLUMNS: Final = (
 """The numbers of a cell, of which the people who were worse off come first."""
 
 
-GUARDS: Final = {False: "without the guard", True: "with the guard"}
+_GUARDS: Final = {False: "without the guard", True: "with the guard"}
 _ACTS: Final = ("rejected", "fallback", "suspended", "dose_limited")
 """Acts of a guard on a reading or a dose, by the names of their columns."""
 _MAX_LISTED: Final = 5
@@ -179,8 +179,8 @@ def notes(config: StressTest) -> tuple[str, ...]:
 
 def results_of(config: StressTest, folder: TrialFolder) -> Results:
     """Numbers of each cell, and why the worst-off person of each guarded cell that fails was worse off."""
-    cells, people, base = list(cells_of(config)), people_table(folder.people()), config.base
-    table = cell_table(cells, people, folder.trial.samples)
+    cells, people, base = list(_cells_of(config)), people_table(folder.people()), config.base
+    table = _cell_table(cells, people, folder.trial.samples)
     prepared = prepare(folder.trial)
     reasons = [
         {
@@ -208,11 +208,11 @@ def results_of(config: StressTest, folder: TrialFolder) -> Results:
     return Results(plain, {"stress.csv": table, "stress.parquet": table})
 
 
-class Grid:
+class _Grid:
     """The cells of a stress test in their places."""
 
     def __init__(self, results: Results) -> None:
-        self.rows = {StressCell(row["controller"], row["guarded"], row["fault"]): row for row in results.rows}
+        self.rows = {_StressCell(row["controller"], row["guarded"], row["fault"]): row for row in results.rows}
         self.controllers = list(dict.fromkeys(cell.controller for cell in self.rows))
         self.guards = sorted({cell.guarded for cell in self.rows})
         faults = dict.fromkeys(cell.fault for cell in self.rows if cell.fault != NO_FAULT)
@@ -221,7 +221,7 @@ class Grid:
 
     def pair(self, controller: str, fault: str) -> list[Row]:
         """A controller under a fault, without and with the guard, as far as they were tried."""
-        return [self.rows[StressCell(controller, guarded, fault)] for guarded in self.guards]
+        return [self.rows[_StressCell(controller, guarded, fault)] for guarded in self.guards]
 
     def sections(self) -> list[tuple[str, list[tuple[str, list[Row]]]]]:
         """Each controller with the pairs of all faults."""
@@ -238,17 +238,17 @@ class Grid:
 
 def tables(config: StressTest, results: Results) -> Iterator[FittingTable]:
     """A section for each controller and a line for each fault, without and with the guard side by side."""
-    grid = Grid(results)
+    grid = _Grid(results)
     which = (
         "In each pair a|b, a is without the guard and b with it."
         if len(grid.guards) > 1
-        else f"All numbers are {GUARDS[grid.guards[0]]}."
+        else f"All numbers are {_GUARDS[grid.guards[0]]}."
     )
     yield terminal_table(
         "Fault",
         grid.sections(),
         COLUMNS,
-        caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {MAX_MORE_PCT:g} % of the "
+        caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {_MAX_MORE_PCT:g} % of the "
         "run than without the fault. <60, <54: time below 60 or 54 mg/dl in percent of the run, as the mean over the "
         "people and for the person with the longest time. Low events: periods of 15 min or longer below 70 mg/dl, "
         "summed over all people. Saturated (dose at the pump's limits), fallback (at most the basal rate "
@@ -258,8 +258,8 @@ def tables(config: StressTest, results: Results) -> Iterator[FittingTable]:
 
 def sentences(config: StressTest, results: Results) -> Iterator[str]:
     """Conclusions, and the reasons why people were worse off with the guard."""
-    yield from conclusions(results)
-    names = Grid(results).names
+    yield from _conclusions(results)
+    names = _Grid(results).names
     for reason in results.plain["reasons"]:
         [who] = config.population.called(config.seed, [reason["person"]])
         yield (
@@ -268,9 +268,9 @@ def sentences(config: StressTest, results: Results) -> Iterator[str]:
         )
 
 
-def conclusions(results: Results) -> Iterator[str]:
+def _conclusions(results: Results) -> Iterator[str]:
     """Conclusions in sentences; every number is computed."""
-    grid = Grid(results)
+    grid = _Grid(results)
     yield from _left_out(results)
     if results.plain["able"]:
         yield from _passing(grid) if len(grid.names) > 1 else ["No fault was tried."]
@@ -288,7 +288,7 @@ def _left_out(results: Results) -> Iterator[str]:
             f"{missing} of {how_many(people, 'person', 'people')} {'has' if missing == 1 else 'have'} no basal rate "
             f"for the setpoint and {'was' if missing == 1 else 'were'} left out."
         )
-    lost = {cell: row for cell, row in Grid(results).rows.items() if row["people"] < feasible}
+    lost = {cell: row for cell, row in _Grid(results).rows.items() if row["people"] < feasible}
     if lost:
         cell = min(lost, key=lambda cell: int(lost[cell]["people"]))
         yield (
@@ -298,16 +298,16 @@ def _left_out(results: Results) -> Iterator[str]:
         )
 
 
-def _passing(grid: Grid) -> Iterator[str]:
+def _passing(grid: _Grid) -> Iterator[str]:
     texts: list[str] = []
     for guarded in reversed(grid.guards):
-        known = [row for row in grid.under_faults(guarded) if row["people"]]
-        passing = f"{GUARDS[guarded].capitalize()}, {sum(not row['worse'] for row in known)} of {len(known)}"
+        tried_rows = [row for row in grid.under_faults(guarded) if row["people"]]
+        passing = f"{_GUARDS[guarded].capitalize()}, {sum(not row['worse'] for row in tried_rows)} of {len(tried_rows)}"
         texts.append(
             f"{passing} passed."
             if texts
             else f"{passing} combinations of a controller and a fault passed: with the fault, nobody's time below "
-            f"60 mg/dl was longer by more than {MAX_MORE_PCT:g} % of the run than without it."
+            f"60 mg/dl was longer by more than {_MAX_MORE_PCT:g} % of the run than without it."
         )
     unknown = sum(not row["people"] for row in grid.under_faults(grid.guards[-1]))
     if unknown:
@@ -315,16 +315,16 @@ def _passing(grid: Grid) -> Iterator[str]:
     yield " ".join(texts)
 
 
-def _failing(grid: Grid) -> Iterator[str]:
+def _failing(grid: _Grid) -> Iterator[str]:
     guarded = grid.guards[-1]
     rows = [row for row in grid.under_faults(guarded) if row["worse"]]
     if rows:
-        listed = [f"{row['controller']} under {grid.names[row['fault']]} ({worse_text(row)})" for row in rows]
+        listed = [f"{row['controller']} under {grid.names[row['fault']]} ({_worse_text(row)})" for row in rows]
         more = f"; and {len(rows) - _MAX_LISTED} more" if len(rows) > _MAX_LISTED else ""
-        yield f"Combinations that failed {GUARDS[guarded]}: {'; '.join(listed[:_MAX_LISTED])}{more}."
+        yield f"Combinations that failed {_GUARDS[guarded]}: {'; '.join(listed[:_MAX_LISTED])}{more}."
 
 
-def _harm_of_the_guard(grid: Grid) -> Iterator[str]:
+def _harm_of_the_guard(grid: _Grid) -> Iterator[str]:
     """Sentence on harm by the guard; the absence of harm is stated too, since the test looks for it."""
     pairs = [grid.pair(controller, fault) for controller in grid.controllers for fault in grid.names]
     pairs = [pair for pair in pairs if len(pair) > 1 and all(row["people"] for row in pair)]
@@ -341,7 +341,7 @@ def _harm_of_the_guard(grid: Grid) -> Iterator[str]:
         yield "In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."
 
 
-def _without_a_fault(grid: Grid) -> Iterator[str]:
+def _without_a_fault(grid: _Grid) -> Iterator[str]:
     """Sentences on the effect of the guard without a fault."""
     texts, acts = [], []
     for controller in grid.controllers:
@@ -362,7 +362,7 @@ def _without_a_fault(grid: Grid) -> Iterator[str]:
         )
 
 
-def _beyond_the_model(grid: Grid) -> Iterator[str]:
+def _beyond_the_model(grid: _Grid) -> Iterator[str]:
     beyond = {cell: row for cell, row in grid.rows.items() if row["people_below_validity"]}
     if beyond:
         cell = max(beyond, key=lambda cell: int(beyond[cell]["people_below_validity"]))
@@ -378,7 +378,7 @@ def _change(texts: Sequence[str]) -> str:
     return texts[0] if len(set(texts)) == 1 else " → ".join(texts)
 
 
-def worse_text(row: Row) -> str:
+def _worse_text(row: Row) -> str:
     """Number of people who were worse off, and the largest difference."""
     return (
         f"{row['worse']} of {how_many(row['people'], 'person', 'people')} worse off, by at most "
@@ -386,37 +386,37 @@ def worse_text(row: Row) -> str:
     )
 
 
-def worse_people_text(row: Row) -> str:
+def _worse_people_text(row: Row) -> str:
     """Numbers of the people who were worse off, shortened if there are many."""
     return the_first([str(person) for person in row["worse_people"]], _MAX_NAMED)
 
 
-def maps(results: Results) -> list[HeatMap]:
+def _maps(results: Results) -> list[HeatMap]:
     """Longest time of a person below 60 mg/dl, without the guard and with it: faults in rows, controllers across."""
-    grid = Grid(results)
+    grid = _Grid(results)
     faults = {name: fault for fault, name in grid.names.items()}
     longest = next(column for column in COLUMNS if column.name == "below_60_worst_pct")
 
     def map_of(guarded: bool) -> HeatMap:
         def cell(name: str, controller: str) -> HeatCell:
-            row = grid.rows[StressCell(controller, guarded, faults[name])]
-            lines = [f"{controller}, {name}, {GUARDS[guarded]}"]
+            row = grid.rows[_StressCell(controller, guarded, faults[name])]
+            lines = [f"{controller}, {name}, {_GUARDS[guarded]}"]
             for group, columns in headings(COLUMNS):
                 lines.append(f"{group}: {', '.join(f'{column.head} {column.value_text(row)}' for column in columns)}")
             mark = f"▲{row['worse']}" if row["worse"] else ""
             return HeatCell(shade_of(row[longest.name]), longest.value_text(row), mark, "\n".join(lines))
 
-        return HeatMap(GUARDS[guarded].capitalize(), list(faults), grid.controllers, cell)
+        return HeatMap(_GUARDS[guarded].capitalize(), list(faults), grid.controllers, cell)
 
     return [map_of(guarded) for guarded in grid.guards]
 
 
-def plot_stress(results: Results, *, title: str | None = None, width: Width = "double") -> Figure:
+def _plot_stress(results: Results, *, title: str | None = None, width: Width = "double") -> Figure:
     """Draw the maps of a stress test; see `plot_heat_maps`."""
     return plot_heat_maps(
-        maps(results),
+        _maps(results),
         what="of the run below 60 mg/dl",
-        mark=f"people below for {MAX_MORE_PCT:g} % of the run longer than without the fault",
+        mark=f"people below for {_MAX_MORE_PCT:g} % of the run longer than without the fault",
         title=title,
         width=width,
     )
@@ -424,20 +424,20 @@ def plot_stress(results: Results, *, title: str | None = None, width: Width = "d
 
 def page(config: StressTest, results: Results) -> str:
     """The page of a stress test: one file that needs neither network nor script."""
-    grid, heat_maps = Grid(results), maps(results)
+    grid, heat_maps = _Grid(results), _maps(results)
     files = {"stress.csv": "all numbers of each cell", "summary.json": "the same, with the reasons"}
     reasons = {(reason["controller"], reason["fault"]): reason for reason in results.plain["reasons"]}
     failing = [row for row in grid.under_faults(True) if row["worse"]]
     values: dict[str, Any] = {
         "grid": grid,
-        "guards": GUARDS,
+        "guards": _GUARDS,
         "people": max(row["people"] for row in results.rows),
-        "most_more_pct": f"{MAX_MORE_PCT:g}",
+        "most_more_pct": f"{_MAX_MORE_PCT:g}",
         "maps": heat_maps,
         "shades": legend_shades(heat_maps),
         "reasons": [(row, grid.names[row["fault"]], reasons[row["controller"], row["fault"]]) for row in failing],
-        "worse_text": worse_text,
-        "worse_people_text": worse_people_text,
+        "worse_text": _worse_text,
+        "worse_people_text": _worse_people_text,
         "bodies": {
             controller: [
                 (name, [("with" if row["guarded"] else "without", row) for row in pair]) for name, pair in lines
@@ -450,13 +450,13 @@ def page(config: StressTest, results: Results) -> str:
     return render(
         Path(__file__).with_name("page.html"),
         "Stress test",
-        sentences=conclusions(results),
+        sentences=_conclusions(results),
         facts=results.plain["facts"],
         repeat=Repeat("stress --config stress.toml", config.tree(whole=True), files, given=config.tree()),
         **values,
     )
 
 
-def drawn(config: StressTest, results: Results) -> dict[str, bytes]:
+def files_of(config: StressTest, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
-    return {"stress.html": page(config, results).encode(), **figure_files("figure", plot_stress(results))}
+    return {"stress.html": page(config, results).encode(), **figure_files("figure", _plot_stress(results))}

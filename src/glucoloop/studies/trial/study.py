@@ -8,10 +8,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts, times_pct
-from glucoloop.cohorts.summary import TrialSummary, summarise_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.metrics.settings import result_named
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
@@ -27,9 +23,13 @@ from glucoloop.report.print_figure import figure_files
 from glucoloop.report.trial_report import ranges_pct
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
-from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
-from glucoloop.storage.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
+from glucoloop.trials import engine
+from glucoloop.trials.bins import BAND_QUANTILES, quantiles_of_counts, times_pct
+from glucoloop.trials.folder import BANDS, REPORT, TrialFolder
+from glucoloop.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
+from glucoloop.trials.summary import TrialSummary, summarise_people
+from glucoloop.trials.trial import Trial
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""
@@ -112,7 +112,7 @@ def results_of(config: Trial, folder: TrialFolder) -> Results:
     )
 
 
-def drawn(config: Trial, results: Results) -> dict[str, bytes]:
+def files_of(config: Trial, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
     report: TrialReport = results.extra
     return {REPORT: trial_page(report).encode(), **figure_files("figure", plot_trial(report))}
@@ -287,5 +287,5 @@ def _notes(trial: Trial, summary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _persons(trial: Trial, named: Mapping[str, Any]) -> str:
-    shown = ", ".join(trial.population.called(trial.seed, named["person"][:_NAMED]))
-    return f"person {shown}" if named["count"] <= _NAMED else f"person {shown} and others, see summary.json"
+    names = ", ".join(trial.population.called(trial.seed, named["person"][:_NAMED]))
+    return f"person {names}" if named["count"] <= _NAMED else f"person {names} and others, see summary.json"

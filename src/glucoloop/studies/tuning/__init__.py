@@ -14,12 +14,12 @@ from glucoloop.situations.ranges import RANGES, ranges_parted, with_ranges
 from glucoloop.situations.run import Run
 from glucoloop.studies.study import PlainStudy
 
-MAX_SEEDS: Final = 1000
-TUNED: Final = ("move_horizon", "prediction_horizon", "reference_filter", "output_weight", "move_weight")
+_MAX_SEEDS: Final = 1000
+_TUNED: Final = ("move_horizon", "prediction_horizon", "reference_filter", "output_weight", "move_weight")
 """Settings of a controller that a grid tries."""
-DEFAULT_RANGES: Final = {"move_horizon": "1:4", "prediction_horizon": "1:14"}
+_DEFAULT_RANGES: Final = {"move_horizon": "1:4", "prediction_horizon": "1:14"}
 """Ranges that are tried unless others are given; of the other settings the usual values."""
-DEFAULT_SEEDS: Final = 5
+_DEFAULT_SEEDS: Final = 5
 _grid = functools.partial(Option, panel="Grid")
 
 
@@ -37,9 +37,9 @@ class GridSearch(Run):
         int | None,
         _grid(
             "Number of runs of each tuning with noise, another sensor or a fault, from --seed on.",
-            default=f"{DEFAULT_SEEDS}",
+            default=f"{_DEFAULT_SEEDS}",
             at_least=1,
-            at_most=MAX_SEEDS,
+            at_most=_MAX_SEEDS,
         ),
     ] = None
     top: Annotated[int, _grid("Number of tunings in the table.", at_least=1, at_most=100_000)] = 10
@@ -47,7 +47,7 @@ class GridSearch(Run):
     @classmethod
     def prepared(cls, tree: Mapping[str, Any]) -> Tree:
         """A tree whose ranges stand apart from the controller."""
-        return ranges_parted(tree, TUNED, always=True)
+        return ranges_parted(tree, _TUNED, always=True)
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings, or all that are used, with the ranges among the settings of the controller."""
@@ -69,13 +69,13 @@ class GridSearch(Run):
     @property
     def number_of_seeds(self) -> int:
         """Number of runs of each tuning."""
-        return self.seeds or (DEFAULT_SEEDS if self.noisy else 1)
+        return self.seeds or (_DEFAULT_SEEDS if self.noisy else 1)
 
     @property
     def all_ranges(self) -> dict[str, str]:
         """Range of each tuned setting, as text: the given ones and the usual ones."""
         tuning, controller = self.case.tuning, self.case.controller
-        usual = {**DEFAULT_RANGES, **{key: f"{tuning[key]:g}" for key in ("output_weight", "move_weight")}}
+        usual = {**_DEFAULT_RANGES, **{key: f"{tuning[key]:g}" for key in ("output_weight", "move_weight")}}
         if "reference_filter" in tuning:
             usual["reference_filter"] = controller.reference_filters or f"{tuning['reference_filter']:g}"
         return {**usual, **(self.ranges or {})}

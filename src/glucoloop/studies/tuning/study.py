@@ -26,9 +26,8 @@ from glucoloop.storage.results import Results
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on
 from glucoloop.studies.tuning import GridSearch
 from glucoloop.text import how_many
-from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.search import search, usual_tuning
+from glucoloop.tuning.search import designer, kind_of_tuning, search, usual_tuning
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 MAX_ROWS: Final = 200
@@ -36,7 +35,7 @@ MAX_ROWS: Final = 200
 _ENGINE: Final = "JAX (xla), which runs many tunings at once"
 
 
-def grid_of(config: GridSearch) -> list[MPCTuning]:
+def _grid_of(config: GridSearch) -> list[MPCTuning]:
     """Every tuning of the grid."""
     ranges = config.all_ranges
     whole = {key: parse_integers(ranges[key], key) for key in ("move_horizon", "prediction_horizon")}
@@ -58,7 +57,7 @@ def grid_of(config: GridSearch) -> list[MPCTuning]:
 
 
 @dataclass(frozen=True)
-class Searched:
+class _Searched:
     """Surface of a search, from which its table, picture and page are made."""
 
     surface: TuningSurface
@@ -72,7 +71,7 @@ def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
     case = config.case
     name = case.controller.called
     kind_of_tuning(name)  # refuses one that cannot be tuned
-    usual, grid = usual_tuning(config, name), grid_of(config)
+    usual, grid = usual_tuning(config, name), _grid_of(config)
     grid = grid if usual in grid else [*grid, usual]
     model = model_for(config, case)
     design = designer(config, case, **model_arguments(model))
@@ -98,7 +97,7 @@ def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
         "notes": [*notes_on(config, case, model), *_counts(config, surface), *_no_picture(config, surface)],
     }
     table = pl.DataFrame(surface.columns())
-    return Results(plain, {"surface.csv": table, "surface.parquet": table}, Searched(surface, printed, model))
+    return Results(plain, {"surface.csv": table, "surface.parquet": table}, _Searched(surface, printed, model))
 
 
 def _counts(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
@@ -124,10 +123,10 @@ def _counts(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
 
 def _no_picture(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
     """Sentence on why there is no picture, if there is none."""
-    shown = surface.only(grid_of(config))
+    plotted = surface.only(_grid_of(config))
     try:
-        layout(shown)
-        if not np.isfinite(shown.sse).any():
+        layout(plotted)
+        if not np.isfinite(plotted.sse).any():
             raise Refusal("the surface has no finite sum of squared errors to show")
     except Refusal as error:
         yield f"No picture was drawn: {error}."
@@ -156,7 +155,7 @@ _COLUMNS: Final = (
 )
 
 
-def lines_of(searched: Searched, top: int) -> tuple[list[Line], list[Line]]:
+def _lines_of(searched: _Searched, top: int) -> tuple[list[Line], list[Line]]:
     """The best tunings in order with their ranks, and the printed one if it is not among them."""
     surface, printed = searched.surface, searched.printed
     order, rows = surface.order().tolist(), pl.DataFrame(surface.columns()).to_dicts()
@@ -165,7 +164,7 @@ def lines_of(searched: Searched, top: int) -> tuple[list[Line], list[Line]]:
     def line(point: int) -> Line:
         tuning = surface.tunings[point]
         rank, is_printed = surface.rank_of(tuning).rank, tuning == printed.tuning
-        remarks = ", ".join([*([printed.called] if is_printed else []), *_faults(surface, point)])
+        remarks = ", ".join([*([printed.label] if is_printed else []), *_faults(surface, point)])
         texts = {"settling": _settling(surface, point), "remarks": remarks, "printed": is_printed}
         return "-" if rank is None else str(rank), [{**rows[point], **texts}]
 
@@ -182,14 +181,14 @@ def _faults(surface: TuningSurface, point: int) -> Iterator[str]:
 
 def tables(config: GridSearch, results: Results) -> Iterator[FittingTable]:
     """The first tunings of the order, and the printed one at its place."""
-    best, beyond = lines_of(results.extra, config.top)
+    best, beyond = _lines_of(results.extra, config.top)
     yield terminal_table("Rank", [("", best), *([("", beyond)] if beyond else [])], _COLUMNS)
 
 
 def sentences(config: GridSearch, results: Results) -> Iterator[str]:
     """Sentence on the usual tuning among the others."""
     printed: TuningRank = results.extra.printed
-    subject = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
+    subject = f"The {printed.label} tuning {tuning_text(printed.tuning)}"
     if printed.rank is None:
         yield f"{subject} is not acceptable here."
     elif printed.points == 1:
@@ -201,9 +200,9 @@ def sentences(config: GridSearch, results: Results) -> Iterator[str]:
         yield f"{subject} ranks {printed.rank} of {printed.points} by the sum of squared errors,{best}."
 
 
-def drawn(config: GridSearch, results: Results) -> dict[str, bytes]:
+def files_of(config: GridSearch, results: Results) -> dict[str, bytes]:
     """Page and picture, the model, and the configuration that names it."""
-    searched: Searched = results.extra
+    searched: _Searched = results.extra
     files, used, given = {}, config.tree(whole=True), config.tree()
     if searched.model is not None:
         files["model.json"] = searched.model.text().encode()
@@ -215,10 +214,10 @@ def drawn(config: GridSearch, results: Results) -> dict[str, bytes]:
     files["tune.toml"] = again.text.encode()
     title = f"{config.case.controller.called} at {config.place}"
     ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in config.all_ranges.items()}
-    files["surface.html"] = surface_page(
+    files["surface.html"] = _surface_page(
         searched,
         f"Tunings of {title}",
-        grid_of(config),
+        _grid_of(config),
         sentences=[*sentences(config, results), *results.plain["notes"]],
         facts={**ranges, **run_facts(config, config.case), "Engine": _ENGINE},
         repeat=again,
@@ -226,9 +225,9 @@ def drawn(config: GridSearch, results: Results) -> dict[str, bytes]:
     if not any(_no_picture(config, searched.surface)):
         # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere
         printed = searched.printed
-        shown = searched.surface.only(grid_of(config))
+        plotted = searched.surface.only(_grid_of(config))
         files |= figure_files(
-            "surface", plot_surface(shown, printed=printed.tuning, called=printed.called, title=title)
+            "surface", plot_surface(plotted, printed=printed.tuning, label=printed.label, title=title)
         )
     return files
 
@@ -246,15 +245,15 @@ _EMPTY: Final = dict.fromkeys(("text", "marks", "ground", "ink"), "")
 """A cell of the surface without a number."""
 
 
-def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **common: Any) -> str:
+def _surface_page(searched: _Searched, title: str, grid: Sequence[MPCTuning], **common: Any) -> str:
     """The page of a search: every place of the grid, and the first tunings in order; `common` as for `render`."""
-    shown, printed = searched.surface.only(grid), searched.printed
-    best, beyond = lines_of(searched, MAX_ROWS)
+    plotted, printed = searched.surface.only(grid), searched.printed
+    best, beyond = _lines_of(searched, MAX_ROWS)
     values: dict[str, Any] = {
         "panels": [],
         "printed": printed,
         "printed_text": tuning_text(printed.tuning),
-        "beside": printed.tuning not in shown.tunings,
+        "beside": printed.tuning not in plotted.tunings,
         "points": len(searched.surface.tunings),
         "most_rows": MAX_ROWS,
         "columns": [column for column in _COLUMNS if column.only(best[0][1][0])],
@@ -263,7 +262,7 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
         "impossible": CELL_WORDS["impossible"],
     }
     try:
-        places = layout(shown)
+        places = layout(plotted)
     except Refusal as error:
         values["why_not"] = str(error)
     else:
@@ -272,7 +271,7 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
             "upwards": _axis(places.y),
             "corner": f"{_SYMBOLS[places.y]} \\ {_SYMBOLS[places.x]}",
             "foot": [f"{value:g}" for value in places.levels[places.x]],
-            "panels": list(_panels(shown, printed, places)),
+            "panels": list(_panels(plotted, printed, places)),
         }
     return render(Path(__file__).with_name("page.html"), title, **common, **values)
 

@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 import tomli_w
 
-from glucoloop.cohorts.trial import population_of
 from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, terminal_table
@@ -20,14 +19,15 @@ from glucoloop.report.template import render
 from glucoloop.situations.population import population_keys
 from glucoloop.storage.results import Results
 from glucoloop.studies.twin import RecordOfPerson, TwinRequest
+from glucoloop.trials.trial import population_of
 from glucoloop.twins import RecordedDays, Twin, find_twin, recorded_days
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
     from glucoloop.patients.population import Population
 
-PERSON: Final = "person.toml"
-POSTERIOR: Final = "posterior.toml"
+_PERSON: Final = "person.toml"
+_POSTERIOR: Final = "posterior.toml"
 _WEIGHT: Final = "weight_kg"
 
 
@@ -119,28 +119,28 @@ def sentences(config: TwinRequest, results: Results) -> Iterator[str]:
     yield "It is a model of the past days, for research; it says nothing on what this person should do."
 
 
-def drawn(config: TwinRequest, results: Results) -> dict[str, bytes]:
+def files_of(config: TwinRequest, results: Results) -> dict[str, bytes]:
     """The person and the posterior as files of people, the figure, and the page."""
     twin: Twin = results.extra
-    shown = _shown(twin)
+    days = _days_of_picture(twin)
     page = render(
         Path(__file__).with_name("page.html"),
         f"Twin of {twin.patient}",
         sentences=[*sentences(config, results), *results.plain["notes"]],
         facts=_facts(twin),
         script=True,
-        plot=days_plot(shown, "90 % interval"),
+        plot=days_plot(days, "90 % interval"),
         rows=[(row["parameter"], [("", row)]) for row in results.plain["parameters"]],
         columns=_COLUMNS,
-        person=f"{twin.patient}, person={PERSON}:twin",
-        posterior=POSTERIOR,
+        person=f"{twin.patient}, person={_PERSON}:twin",
+        posterior=_POSTERIOR,
         patient=twin.patient,
     )
     return {
-        PERSON: _text(twin.person()),
-        POSTERIOR: _text(twin.posterior()),
+        _PERSON: _text(twin.person()),
+        _POSTERIOR: _text(twin.posterior()),
         "page.html": page.encode(),
-        **figure_files("figure", plot_days(shown)),
+        **figure_files("figure", plot_days(days)),
     }
 
 
@@ -148,7 +148,7 @@ def _text(population: Population) -> bytes:
     return tomli_w.dumps(population_keys(population)).encode()
 
 
-def _shown(twin: Twin) -> DaysShown:
+def _days_of_picture(twin: Twin) -> DaysShown:
     """Readings, the twin and its band: of the days held out, or of the last two that were used."""
     days, held_out = twin.days, twin.held_out
     begin = days.length_min - 2.0 * MIN_PER_DAY if held_out is None else twin.fitted_min[1]
@@ -184,9 +184,9 @@ def _facts(twin: Twin) -> Mapping[str, str]:
     }
 
 
-def how_to_go_on(results: Results, files: Mapping[str, str]) -> Iterator[str]:
+def next_steps(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     """Sentences on the files."""
-    if PERSON in files:
+    if _PERSON in files:
         patient = results.plain["patient"]
-        yield f"The person, in run: --patient '{patient}, person={files[PERSON]}:twin'"
-        yield f"People drawn from the posterior, in trial: --patient {patient} --population {files[POSTERIOR]}"
+        yield f"The person, in run: --patient '{patient}, person={files[_PERSON]}:twin'"
+        yield f"People drawn from the posterior, in trial: --patient {patient} --population {files[_POSTERIOR]}"

@@ -17,8 +17,8 @@ from glucoloop.situations.option import Option
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.studies.study import PlainStudy
 
-DEFAULT_LOOPS: Final = 100_000
-SLOW_SHARE: Final = 0.05
+_DEFAULT_LOOPS: Final = 100_000
+_SLOW_SHARE: Final = 0.05
 """Number of loops of a slow controller for each loop of another one."""
 SAMPLE_MIN: Final = 5.0
 """Sample time of the campaign, and by default of a nonsense test."""
@@ -38,7 +38,7 @@ class Verification(Part):
         int | None,
         _key(
             "Smallest number of loops; each controller has as many with a guard as without.",
-            default=f"{DEFAULT_LOOPS}",
+            default=f"{_DEFAULT_LOOPS}",
             at_least=1,
             at_most=1_000_000_000,
         ),
@@ -108,8 +108,8 @@ class Verification(Part):
         if self.nonsense is not None:
             together = NONSENSE_SAMPLES * len(names) * len(self.guard_timings())
             return dict.fromkeys(names, math.ceil(self.nonsense / together))
-        shares = {name: SLOW_SHARE if controller_entry(name).slow else 1.0 for name in names}
-        pairs = (self.loops or DEFAULT_LOOPS) / sum(shares.values()) / 2.0
+        shares = {name: _SLOW_SHARE if controller_entry(name).slow else 1.0 for name in names}
+        pairs = (self.loops or _DEFAULT_LOOPS) / sum(shares.values()) / 2.0
         return {name: max(1, math.ceil(pairs * share - 1e-9)) for name, share in shares.items()}
 
     def guard_timings(self) -> tuple[tuple[float, str], ...]:

@@ -25,12 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.build.designs import controller_of, with_guard
-from glucoloop.build.faulty import put_around
 from glucoloop.build.random_keys import keys_of_people
-from glucoloop.build.surroundings import Surroundings
-from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.cohorts.engine import loop_of
-from glucoloop.cohorts.trial import Trial
+from glucoloop.build.surroundings import Surroundings, put_around
 from glucoloop.component.setting import Value
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
@@ -46,7 +42,7 @@ from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.table import REPLACED
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
+from glucoloop.sensors import Sensor, WhiteNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
@@ -55,20 +51,23 @@ from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.verification import SAMPLE_MIN, Verification
 from glucoloop.therapy import Profile
 from glucoloop.threefry import uniforms
+from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.engine import loop_of
+from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY
 
 Floats = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
 
-MAX_MEALS: Final = 4
-MAX_AT_ONCE: Final = 3
-LONGEST_SAMPLES: Final = 48
+_MAX_MEALS: Final = 4
+_MAX_AT_ONCE: Final = 3
+_LONGEST_SAMPLES: Final = 48
 _TO_THE_END: Final = 0.15
 """Share of the planned faults that last to the end."""
 _RECURS: Final = 0.3
 _CHUNK: Final = 1024
 
-SENSOR_KINDS: Final = tuple(entry.name for entry in FAULTS.values() if entry.part == "sensor")
+_SENSOR_KINDS: Final = tuple(entry.name for entry in FAULTS.values() if entry.part == "sensor")
 PUMP_KINDS: Final = tuple(
     kind
     for entry in FAULTS.values()
@@ -76,10 +75,10 @@ PUMP_KINDS: Final = tuple(
     for kind in ((entry.name,) if entry.both is None else (entry.name, f"{entry.name}, {entry.both}"))
 )
 """Kinds of pump faults, from the inside out."""
-KINDS: Final = (*SENSOR_KINDS, *PUMP_KINDS)
+KINDS: Final = (*_SENSOR_KINDS, *PUMP_KINDS)
 
 
-def populations_in_turn(patient: str = DEFAULT_PATIENT.name, seed: int = 0) -> list[Population]:
+def _populations_in_turn(patient: str = DEFAULT_PATIENT.name, seed: int = 0) -> list[Population]:
     """Populations from which people are drawn in turn, or the one person that the text of the patient names.
 
     It is the nominal one where the patient has no other.
@@ -92,10 +91,10 @@ def populations_in_turn(patient: str = DEFAULT_PATIENT.name, seed: int = 0) -> l
     return [other if other.most_people is None else other.drawn_as(REPLACED) for other in others] or [nominal]
 
 
-def draw_people(seed: int, person: npt.ArrayLike, patient: str = DEFAULT_PATIENT.name) -> VirtualPeople:
+def _draw_people(seed: int, person: npt.ArrayLike, patient: str = DEFAULT_PATIENT.name) -> VirtualPeople:
     """People drawn from a patient's populations in turn, by their numbers; drawn values are those of the last one."""
     number = np.asarray(person, np.int64)
-    each = [virtual_people(population, seed, number) for population in populations_in_turn(patient, seed)]
+    each = [virtual_people(population, seed, number) for population in _populations_in_turn(patient, seed)]
     turn = number % len(each)
 
     def in_turn(*of_each: Any) -> Any:
@@ -113,29 +112,29 @@ def draw_people(seed: int, person: npt.ArrayLike, patient: str = DEFAULT_PATIENT
     )
 
 
-def feasible_people(seed: int, wanted: int, patient: str = DEFAULT_PATIENT.name) -> Numbers:
+def _feasible_people(seed: int, wanted: int, patient: str = DEFAULT_PATIENT.name) -> Numbers:
     """Numbers of the first people who have a basal rate; Refusal if there are not as many."""
     results: list[Numbers] = []
     for start in range(0, LARGEST_COUNTER, _CHUNK):
         if sum(map(len, results)) >= wanted:
             return np.concatenate(results)[:wanted]
         with one_at_a_time:
-            feasible = draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER)), patient).feasible
+            feasible = _draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER)), patient).feasible
         results.append(start + np.flatnonzero(feasible))
     raise Refusal(f"seed {seed} has fewer than {wanted} people; give fewer loops")
 
 
-def draw_random_meals(seed: int, person: npt.ArrayLike, horizon_min: float) -> Eaten:
+def _draw_random_meals(seed: int, person: npt.ArrayLike, horizon_min: float) -> Eaten:
     """Meals, at most four ``(4, n)`` of 5 to 120 g at any time, eaten at once; a meal of 0 g counts as none."""
-    many = np.floor((MAX_MEALS + 1) * uniforms(seed, "meals", person))
-    t_min = np.stack([horizon_min * uniforms(seed, "when", person, i) for i in range(MAX_MEALS)])
-    carbs_g = np.stack([5.0 + 115.0 * uniforms(seed, "how much", person, i) for i in range(MAX_MEALS)])
-    carbs_g = np.where(np.arange(MAX_MEALS)[:, None] < many, carbs_g, 0.0)
+    many = np.floor((_MAX_MEALS + 1) * uniforms(seed, "meals", person))
+    t_min = np.stack([horizon_min * uniforms(seed, "when", person, i) for i in range(_MAX_MEALS)])
+    carbs_g = np.stack([5.0 + 115.0 * uniforms(seed, "how much", person, i) for i in range(_MAX_MEALS)])
+    carbs_g = np.where(np.arange(_MAX_MEALS)[:, None] < many, carbs_g, 0.0)
     return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=np.zeros_like(carbs_g))
 
 
 @dataclass(frozen=True)
-class Order:
+class _Order:
     """Common part of the faults of a controller's people: their order, and the length of buffers."""
 
     sensor: tuple[str, ...]
@@ -144,9 +143,9 @@ class Order:
     """Values of settings that all people share, by kind."""
 
 
-def random_order(seed: int, number: int) -> Order:
+def _random_order(seed: int, number: int) -> _Order:
     """Order of faults with the given number."""
-    score = [float(uniforms(seed, f"order of {kind}", [number])[0]) for kind in SENSOR_KINDS]
+    score = [float(uniforms(seed, f"order of {kind}", [number])[0]) for kind in _SENSOR_KINDS]
 
     def whole(name: str, least: int, most: int) -> int:
         return least + int((most - least + 1) * uniforms(seed, name, [number])[0])
@@ -155,17 +154,17 @@ def random_order(seed: int, number: int) -> Order:
         both = kind.partition(", ")[2]
         return {**({both: True} if both else {}), **{name: draw(whole) for name, draw in _entry(kind).shared.items()}}
 
-    return Order(
-        sensor=tuple(kind for _, kind in sorted(zip(score, SENSOR_KINDS, strict=True))),
+    return _Order(
+        sensor=tuple(kind for _, kind in sorted(zip(score, _SENSOR_KINDS, strict=True))),
         shared={kind: shared(kind) for kind in KINDS},
     )
 
 
 @dataclass(frozen=True)
-class RandomFaults:
+class _RandomFaults:
     """Faults of people and their sizes; ``(n,)`` each."""
 
-    order: Order
+    order: _Order
     there: Mapping[str, npt.NDArray[np.bool_]]
     """Whether each person has a fault, by kind."""
     settings: Mapping[str, Mapping[str, Floats]]
@@ -178,7 +177,7 @@ class RandomFaults:
     def sensor(self, *, person: int | None = None) -> Sensor:
         """Sensors of all people, or of one."""
         variance, bound_mg_dl = _at((self.noise_variance, self.noise_bound_mg_dl), person)
-        sensor: Sensor = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=bound_mg_dl)
+        sensor: Sensor = WhiteNoise().replaced(variance=variance, bound_mg_dl=bound_mg_dl)
         for kind in self.order.sensor:
             sensor = self._around(kind, sensor, person)
         return sensor
@@ -197,9 +196,7 @@ class RandomFaults:
         values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
         if entry.idle:
             values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
-        if not hasattr(usual, "episodes"):
-            return dataclasses.replace(usual, **values)
-        return usual.replaced(**values, episodes=episodes)
+        return usual.replaced(**values, **({"episodes": episodes} if hasattr(usual, "episodes") else {}))
 
     def texts(self, person: int) -> list[str]:
         """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""
@@ -207,65 +204,65 @@ class RandomFaults:
 
     def _text(self, kind: str, person: int) -> str:
         entry, episodes = _entry(kind), _at(self.episodes[kind], person)
-        given = {KEY: episodes.key, **self.order.shared[kind]}
+        settings = {KEY: episodes.key, **self.order.shared[kind]}
         for setting, values in self.settings[kind].items():
             value = float(values[person])
-            given[setting] = int(value) if entry.settings()[setting].kind is int else value
+            settings[setting] = int(value) if entry.settings()[setting].kind is int else value
         often, lasts = float(episodes.probability), float(episodes.length)
         if entry.each_sample is not None:
-            given[entry.each_sample] = often
+            settings[entry.each_sample] = often
         elif entry.timed:
             if often > 0.0:
-                given[PER_DAY] = often * (MIN_PER_DAY / SAMPLE_MIN)
+                settings[PER_DAY] = often * (MIN_PER_DAY / SAMPLE_MIN)
             else:
-                given[START] = float(episodes.earliest) * SAMPLE_MIN
+                settings[START] = float(episodes.earliest) * SAMPLE_MIN
             if math.isfinite(lasts):
-                given[DURATION] = lasts * SAMPLE_MIN
-        return entry(**given).text
+                settings[DURATION] = lasts * SAMPLE_MIN
+        return entry(**settings).text
 
 
-def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) -> RandomFaults:
+def _random_faults(order: _Order, seed: int, person: npt.ArrayLike, samples: int) -> _RandomFaults:
     """Faults of some persons in a run of so many samples."""
     people = np.asarray(person, np.int64)
 
-    def drawn(name: str, index: int = 0) -> Floats:
+    def uniform(name: str, index: int = 0) -> Floats:
         return uniforms(seed, f"fault {name}", people, index)
 
     def settings(kind: str) -> dict[str, Floats]:
         def even(low: float, high: float, index: int = 0) -> Floats:
-            return low + (high - low) * drawn(f"size {kind}", index)
+            return low + (high - low) * uniform(f"size {kind}", index)
 
         return {name: np.asarray(draw(even)) for name, draw in _entry(kind).drawn.items()}
 
-    many = np.floor((MAX_AT_ONCE + 1) * drawn("how many"))
-    rank = np.argsort(np.argsort([drawn(f"which {kind}") for kind in KINDS], axis=0), axis=0)
+    many = np.floor((_MAX_AT_ONCE + 1) * uniform("how many"))
+    rank = np.argsort(np.argsort([uniform(f"which {kind}") for kind in KINDS], axis=0), axis=0)
     there = {kind: rank[place] < many for place, kind in enumerate(KINDS)}
-    return RandomFaults(
+    return _RandomFaults(
         order=order,
         there=there,
         settings={kind: settings(kind) for kind in KINDS},
-        episodes={kind: _episodes(kind, there[kind], samples, drawn) for kind in KINDS},
-        noise_variance=np.where(drawn("noise") < 0.3, 0.0, 25.0 * drawn("noise variance") ** 2),
-        noise_bound_mg_dl=3.0 + 27.0 * drawn("noise bound"),
+        episodes={kind: _episodes(kind, there[kind], samples, uniform) for kind in KINDS},
+        noise_variance=np.where(uniform("noise") < 0.3, 0.0, 25.0 * uniform("noise variance") ** 2),
+        noise_bound_mg_dl=3.0 + 27.0 * uniform("noise bound"),
     )
 
 
-def _episodes(kind: str, there: npt.NDArray[np.bool_], samples: int, drawn: Callable[..., Floats]) -> Episodes:
+def _episodes(kind: str, there: npt.NDArray[np.bool_], samples: int, uniform: Callable[..., Floats]) -> Episodes:
     """Times of a kind of fault for each person, planned or random."""
     first: Any
     length: Any
     often: Any
     if _entry(kind).each_sample is not None:
-        often = np.where(there, drawn("share"), 0.0)
+        often = np.where(there, uniform("share"), 0.0)
         first, length = np.full(there.shape, np.inf), np.where(there, 1.0, np.inf)
     else:
-        recurs = there & (drawn(f"by chance {kind}") < _RECURS)
-        often = np.where(recurs, 2.0 ** -np.floor(2.0 + 6.0 * drawn(f"often {kind}")), 0.0)
-        lasts = 1.0 + np.floor(LONGEST_SAMPLES * drawn(f"length {kind}"))
+        recurs = there & (uniform(f"by chance {kind}") < _RECURS)
+        often = np.where(recurs, 2.0 ** -np.floor(2.0 + 6.0 * uniform(f"often {kind}")), 0.0)
+        lasts = 1.0 + np.floor(_LONGEST_SAMPLES * uniform(f"length {kind}"))
         # half of those that come again and again last one sample
-        lasts = np.where(recurs & (drawn(f"single {kind}") < 0.5), 1.0, lasts)
-        length = np.where(~recurs & (drawn(f"endless {kind}") < _TO_THE_END), np.inf, lasts)
-        first = np.where(there & ~recurs, np.floor(samples * drawn(f"onset {kind}")), np.inf)
+        lasts = np.where(recurs & (uniform(f"single {kind}") < 0.5), 1.0, lasts)
+        length = np.where(~recurs & (uniform(f"endless {kind}") < _TO_THE_END), np.inf, lasts)
+        first = np.where(there & ~recurs, np.floor(samples * uniform(f"onset {kind}")), np.inf)
     return Episodes(
         earliest=first,
         latest=first,
@@ -285,8 +282,8 @@ def _at(many: Any, person: int | None) -> Any:
     return many if person is None else jax.tree.map(lambda values: values[person], many)
 
 
-HORIZON_MIN: Final = 1440.0
-SLOW_HORIZON_MIN: Final = 300.0
+_HORIZON_MIN: Final = 1440.0
+_SLOW_HORIZON_MIN: Final = 300.0
 """Length of a loop of a slow controller."""
 REPEATED: Final = 8
 """Number of loops among which one is repeated, in another order and other blocks."""
@@ -301,9 +298,9 @@ Progress = Callable[[int], None]
 """Callback with each number of finished loops."""
 
 
-def horizon_min(controller: str) -> float:
+def _horizon_min(controller: str) -> float:
     """Length of a controller's loops."""
-    return SLOW_HORIZON_MIN if controller_entry(controller).slow else HORIZON_MIN
+    return _SLOW_HORIZON_MIN if controller_entry(controller).slow else _HORIZON_MIN
 
 
 def trial_of(config: Verification, controller: str) -> Trial:
@@ -311,7 +308,7 @@ def trial_of(config: Verification, controller: str) -> Trial:
     given = {
         "patient": PATIENTS.parse(config.patient),
         "seed": config.seed,
-        "duration_min": horizon_min(controller),
+        "duration_min": _horizon_min(controller),
         "meals": (),
     }
     return Trial.partial(given).completed()
@@ -330,12 +327,12 @@ def circumstances_of(controller: str, seed: int, person: int, patient: str = DEF
 
     Meals are pairs of the minute and the carbohydrate in g; faults have the form of `glucoloop run --fault`.
     """
-    horizon, populations = horizon_min(controller), populations_in_turn(patient, seed)
-    faults = random_faults(_order(seed, controller), seed, [person], sample_grid(horizon, SAMPLE_MIN).samples)
-    drawn = draw_random_meals(seed, [person], horizon)
+    horizon, populations = _horizon_min(controller), _populations_in_turn(patient, seed)
+    faults = _random_faults(_order(seed, controller), seed, [person], sample_grid(horizon, SAMPLE_MIN).samples)
+    drawn = _draw_random_meals(seed, [person], horizon)
     return {
         "population": populations[person % len(populations)].name,
-        "basal_insulin_mU_min": float(draw_people(seed, [person], patient).basal_insulin_mU_min[0]),
+        "basal_insulin_mU_min": float(_draw_people(seed, [person], patient).basal_insulin_mU_min[0]),
         "meals": sorted((float(t), float(g)) for t, g in zip(drawn.t_min[:, 0], drawn.carbs_g[:, 0], strict=True) if g),
         "noise_variance": float(faults.noise_variance[0]),
         "noise_bound_mg_dl": float(faults.noise_bound_mg_dl[0]),
@@ -343,14 +340,14 @@ def circumstances_of(controller: str, seed: int, person: int, patient: str = DEF
     }
 
 
-def _order(seed: int, controller: str) -> Order:
+def _order(seed: int, controller: str) -> _Order:
     names = list(CONTROLLERS)
     # one of another package has the number of its name, whatever else is installed
     other = len(names) + zlib.crc32(controller.encode()) % _OTHERS
-    return random_order(seed, names.index(controller) if controller in names else other)
+    return _random_order(seed, names.index(controller) if controller in names else other)
 
 
-class Closed(NamedTuple):
+class _Closed(NamedTuple):
     """Results of people under one controller, of whom the last axis is."""
 
     broken: Floats
@@ -363,13 +360,13 @@ class Closed(NamedTuple):
     """(n,) hash of all observations: equal for equal bits."""
 
 
-class WatchedLoops:
+class _WatchedLoops:
     """The loops of one controller, with a guard or without."""
 
-    def __init__(self, trial: Trial, controller: Controller, order: Order) -> None:
+    def __init__(self, trial: Trial, controller: Controller, order: _Order) -> None:
         self._trial, self._order, self.samples = trial, order, trial.samples
         guard = guard_settings_of(controller)
-        faults = random_faults(order, trial.seed, np.arange(2), trial.samples)
+        faults = _random_faults(order, trial.seed, np.arange(2), trial.samples)
         self.loop = loop_of(
             trial,
             controller,
@@ -378,41 +375,41 @@ class WatchedLoops:
                 sound=patient_model(trial.patient.called).sound,
                 caps=None if guard is None else Caps(settings=guard, limits=trial.limits),
             ),
-            draw_people(trial.seed, np.arange(2), trial.patient.text),
+            _draw_people(trial.seed, np.arange(2), trial.patient.text),
             meals=None,
             surroundings=self._surroundings(faults, 0),
             varied=self._surroundings(faults),
         )
 
-    def _surroundings(self, faults: RandomFaults, person: int | None = None) -> Surroundings:
+    def _surroundings(self, faults: _RandomFaults, person: int | None = None) -> Surroundings:
         return Surroundings(sensor=faults.sensor(person=person), pump=faults.pump(self._trial.limits, person=person))
 
-    def close(self, person: Numbers, progress: Progress = lambda loops: None) -> Closed:
+    def close(self, person: Numbers, progress: Progress = lambda loops: None) -> _Closed:
         """Simulate the loops of people."""
         parts = in_blocks(self._block, person, block_size(self.loop.engine), done=progress)
-        return Closed(*(np.concatenate(of_blocks, axis=-1) for of_blocks in zip(*parts, strict=True)))
+        return _Closed(*(np.concatenate(of_blocks, axis=-1) for of_blocks in zip(*parts, strict=True)))
 
-    def _block(self, person: Numbers, n: int) -> Closed:
+    def _block(self, person: Numbers, n: int) -> _Closed:
         trial, seed = self._trial, self._trial.seed
-        faults = random_faults(self._order, seed, person, self.samples)
+        faults = _random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
-            drawn = draw_people(seed, person, trial.patient.text)
+            people = _draw_people(seed, person, trial.patient.text)
         run = self.loop.run(
-            drawn,
+            people,
             keys_of_people(seed, person),
             surroundings=self._surroundings(faults),
-            meals=draw_random_meals(seed, person, trial.plan.horizon_min),
+            meals=_draw_random_meals(seed, person, trial.plan.horizon_min),
         )
         points = self.samples * len(trial.grid.inside_min)
-        return Closed(
+        return _Closed(
             broken=run.accumulator.broken[:, :n],
             first_min=run.accumulator.first_min[:, :n],
             below_60_pct=100.0 * run.accumulator.below_60[:n] / points,
-            bits=bits_of([run.glucose_mg_dl, run.insulin_mU_min, *jax.tree.leaves(run.accumulator)])[:n],
+            bits=_bits_of([run.glucose_mg_dl, run.insulin_mU_min, *jax.tree.leaves(run.accumulator)])[:n],
         )
 
 
-def bits_of(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
+def _bits_of(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
     """Hash of each person's values, which changes with any single bit: odd factors lose none of them."""
     rows = np.concatenate([np.asarray(a, np.float64).reshape(-1, a.shape[-1]) for a in arrays])
     bits = np.ascontiguousarray(rows).view(np.uint64)
@@ -428,20 +425,20 @@ def run_campaign(config: Verification, progress: Progress) -> Iterator[dict[str,
     """
     pairs = config.people()
     if config.person is None:
-        people = feasible_people(config.seed, max(pairs.values()), config.patient)
+        people = _feasible_people(config.seed, max(pairs.values()), config.patient)
     else:
         people = np.array([config.person])
-        if not draw_people(config.seed, people, config.patient).feasible.all():
+        if not _draw_people(config.seed, people, config.patient).feasible.all():
             raise Refusal(
                 f"no basal rate holds person {config.person} of seed {config.seed} at the setpoint; give another person"
             )
     for name, number in pairs.items():
         person, order, trial = people[:number], _order(config.seed, name), trial_of(config, name)
         bare = catalogue_controller(name, config.patient)
-        loops = WatchedLoops(trial, bare, order)
+        loops = _WatchedLoops(trial, bare, order)
         without = loops.close(person, progress)
         yield {"arm": _arm(config, name, loops, person, without, guarded=False)}
-        loops = WatchedLoops(trial, with_guard(bare, guard_of(trial.patient), trial.limits), order)
+        loops = _WatchedLoops(trial, with_guard(bare, guard_of(trial.patient), trial.limits), order)
         closed = loops.close(person, progress)
         yield {
             "arm": _arm(config, name, loops, person, closed, guarded=True),
@@ -450,7 +447,7 @@ def run_campaign(config: Verification, progress: Progress) -> Iterator[dict[str,
 
 
 def _arm(
-    config: Verification, name: str, loops: WatchedLoops, person: Numbers, closed: Closed, *, guarded: bool
+    config: Verification, name: str, loops: _WatchedLoops, person: Numbers, closed: _Closed, *, guarded: bool
 ) -> dict[str, Any]:
     """Numbers of broken loops, the first of each promise, and the repetition of some loops."""
     again = np.arange(person.size)[::REPEATED][::-1]

@@ -128,7 +128,7 @@ def test_how_the_work_is_cut_makes_no_difference(lowered, compiled, numbers, mon
 
 @pytest.mark.parametrize("vectors", [1, 3])
 def test_nor_how_many_vectors_go_together(lowered, compiled, numbers, monkeypatch, vectors):
-    monkeypatch.setattr(emit, "VECTORS_A_BLOCK", vectors)
+    monkeypatch.setattr(emit, "_VECTORS_A_BLOCK", vectors)
     monkeypatch.setattr(emit, "FITS_THE_CACHE", 0)
     other = compile_kernel(lowered["float64"])
     for a, b in zip(run(other, numbers), run(compiled["float64"], numbers), strict=True):
@@ -175,7 +175,7 @@ def test_nor_how_wide_a_vector_is(lowered, compiled, numbers, monkeypatch, bits,
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_sharing_divisions_loses_a_few_units_in_the_last_place(compiled, numbers, monkeypatch, precision):
-    monkeypatch.setattr(divisions, "TOGETHER", 1)
+    monkeypatch.setattr(divisions, "_QUOTIENTS_A_DIVISION", 1)
     apart = compile_kernel(lower(step, *EXAMPLE, REACHING, TOLD, precision=precision))
     divided = [k.text.count("fdiv") for k in (apart, compiled[precision])]
     assert divided[0] > divided[1]

@@ -12,13 +12,12 @@ import pytest
 
 from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.source import trace, write_source
-from glucoloop.native.targets.wasm import looped
 from glucoloop.native.targets.wasm import module as wasm
 
 NODE = shutil.which("node")
 PEOPLE, SAMPLES = 5, 4
 RUN = Path(__file__).with_name("run.mjs")
-TOOLS = (NODE, wasm.linker(), looped.c_compiler())
+TOOLS = (NODE, wasm._linker_path(), wasm._clang_path())
 
 needs_tools = pytest.mark.skipif(
     None in TOOLS, reason="needs node, wasm-ld and clang (Debian: apt install nodejs lld clang)"
@@ -62,8 +61,8 @@ def by_node(name, sizes, groups, module, folder):
     for group, rows in groups.items():
         rows.tofile(folder / f"{group}.bin")
     request = {"name": name, "precision": "float64", "samples": SAMPLES, "people": PEOPLE, "folder": str(folder)}
-    (folder / "request.json").write_text(json.dumps({**request, "sizes": {**sizes, "held": 0}}))
-    subprocess.run([NODE, RUN, wasm.HOST, module, folder / "request.json"], check=True, timeout=120)
+    (folder / "request.json").write_text(json.dumps({**request, "sizes": {**sizes, "per_person": 0}}))
+    subprocess.run([NODE, RUN, wasm._HOST, module, folder / "request.json"], check=True, timeout=120)
     carry, outputs = (np.fromfile(folder / f"{group}.bin") for group in ("carry", "outputs"))
     return carry.reshape(-1, PEOPLE), outputs.reshape(SAMPLES, -1, PEOPLE)
 
@@ -72,7 +71,7 @@ def by_node(name, sizes, groups, module, folder):
 def test_node_has_the_bits_of_the_definition(traced, tmp_path):
     source = write_source(traced, ["test"], "compact")
     module = tmp_path / "module.wasm"
-    functions = {f"loop_{what}": looped.Looped(source, wakes=what == "start") for what in ("start", "step")}
+    functions = {f"loop_{what}": wasm.CFunction(source, is_init=what == "start") for what in ("start", "step")}
     module.write_bytes(wasm.wasm_module(functions))
     rng = np.random.default_rng(5)
     groups = {
@@ -100,12 +99,12 @@ def test_node_has_the_bits_of_the_definition(traced, tmp_path):
 
 @needs_tools
 def test_a_module_with_a_loop_is_the_same_when_it_is_made_again(traced):
-    functions = {"loop": looped.Looped(write_source(traced, ["test"], "compact"), wakes=False)}
+    functions = {"loop": wasm.CFunction(write_source(traced, ["test"], "compact"), is_init=False)}
     assert wasm.wasm_module(functions) == wasm.wasm_module(functions)
 
 
 def test_without_clang_a_sentence_says_what_is_missing(traced, monkeypatch, tmp_path):
-    monkeypatch.setattr(looped.shutil, "which", lambda name: None)
-    function = looped.Looped(write_source(traced, ["test"], "compact"), wakes=False)
+    monkeypatch.setattr(wasm.shutil, "which", lambda name: None)
+    function = wasm.CFunction(write_source(traced, ["test"], "compact"), is_init=False)
     with pytest.raises(ValueError, match="clang is not installed, and functions with loops need it; on Debian: apt"):
-        looped.looped_object("loop", function, 2, tmp_path)
+        wasm._object_of_c("loop", function, 2, tmp_path)

@@ -20,7 +20,7 @@ PEOPLE, SAMPLES = 7, 5
 RUN = __file__.replace("test_module.py", "run.mjs")
 
 needs_wasm = pytest.mark.skipif(
-    NODE is None or wasm.linker() is None, reason="needs node and wasm-ld (Debian: apt install nodejs lld)"
+    NODE is None or wasm._linker_path() is None, reason="needs node and wasm-ld (Debian: apt install nodejs lld)"
 )
 
 
@@ -116,13 +116,13 @@ def by_node(name, lowered, groups, module, folder):
     request = {
         "name": name,
         "precision": lowered.precision,
-        "sizes": {**lowered.layout.sizes, "held": wasm.held_numbers(lowered)},
+        "sizes": {**lowered.layout.sizes, "per_person": wasm.numbers_per_person(lowered)},
         "samples": SAMPLES,
         "people": PEOPLE,
         "folder": str(folder),
     }
     (folder / "request.json").write_text(json.dumps(request))
-    subprocess.run([NODE, RUN, wasm.HOST, module, folder / "request.json"], check=True, timeout=120)
+    subprocess.run([NODE, RUN, wasm._HOST, module, folder / "request.json"], check=True, timeout=120)
     carry, outputs = (np.fromfile(folder / f"{group}.bin", lowered.precision) for group in ("carry", "outputs"))
     return carry.reshape(-1, PEOPLE), outputs.reshape(SAMPLES, -1, PEOPLE)
 
@@ -147,7 +147,7 @@ def test_a_module_is_the_same_when_it_is_made_again(lowered, module):
 
 def test_object_code_needs_no_linker(lowered, monkeypatch):
     monkeypatch.setattr(wasm.shutil, "which", lambda name: None)
-    assert wasm.object_code("turning", lowered["turning"]).startswith(b"\0asm")
+    assert wasm._object_of_program("turning", lowered["turning"]).startswith(b"\0asm")
     with pytest.raises(ValueError, match="wasm-ld is not installed, and WebAssembly needs it; on Debian: apt install"):
         wasm.wasm_module(lowered)
 

@@ -16,7 +16,7 @@ from glucoloop.private_folder import private_temporary_folder
 
 Array = npt.NDArray[Any]
 
-FLAGS: Final = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off")
+_FLAGS: Final = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off")
 
 
 def compiler() -> str | None:
@@ -35,26 +35,26 @@ class Library:
         with private_temporary_folder("glucoloop-c-") as folder:
             (folder / HEADER).write_text(source.header)
             (folder / "controller.c").write_text(source.code)
-            command = [result, *FLAGS, *optimise.split(), "-shared", "-fPIC", "-o", "controller.so", "controller.c"]
-            made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-            if made.returncode:
-                raise ValueError(f"the C compiler refuses the code: {made.stderr.strip()[:2000]}")
+            command = [result, *_FLAGS, *optimise.split(), "-shared", "-fPIC", "-o", "controller.so", "controller.c"]
+            process = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+            if process.returncode:
+                raise ValueError(f"the C compiler refuses the code: {process.stderr.strip()[:2000]}")
             self._code = ctypes.CDLL(str(folder / "controller.so"))
         w, k, b = source.workspace.values()
         self._workspace = np.zeros(w * np.dtype(precision).itemsize + 4 * k + b + 64, np.uint8)
 
     def init(self, observation: Sequence[Any]) -> list[Array]:
         """The leaves of the state of a controller that starts at an observation."""
-        state, seen = self._empty("state"), self._filled("observation", observation)
-        self._code.gl_init(*map(_pointer, (self._workspace, state, seen)))
+        state, observation_memory = self._empty("state"), self._filled("observation", observation)
+        self._code.gl_init(*map(_pointer, (self._workspace, state, observation_memory)))
         return self._leaves("state", state)
 
     def step(self, state: Sequence[Any], observation: Sequence[Any]) -> tuple[list[Array], list[Array]]:
         """The leaves of the next state and of the decision."""
-        held, seen = self._filled("state", state), self._filled("observation", observation)
-        decided = self._empty("decision")
-        self._code.gl_step(*map(_pointer, (self._workspace, held, seen, decided)))
-        return self._leaves("state", held), self._leaves("decision", decided)
+        state_memory, observation_memory = self._filled("state", state), self._filled("observation", observation)
+        decision = self._empty("decision")
+        self._code.gl_step(*map(_pointer, (self._workspace, state_memory, observation_memory, decision)))
+        return self._leaves("state", state_memory), self._leaves("decision", decision)
 
     def saved(self, state: Sequence[Any]) -> bytes:
         """Record of a state."""

@@ -1,10 +1,12 @@
-"""Types, constants and names as C text."""
+"""Numbers in C: their types, constants and operations, and the small functions that carry these out."""
 
 from __future__ import annotations
 
-import keyword
+import functools
+import importlib.resources
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -80,17 +82,57 @@ def type_of(kind: str, format: Format) -> str:
     return {REAL: format.type, WHOLE: "int32_t", TRUTH: "bool"}[kind]
 
 
-_C_WORDS: Final = frozenset(
-    re.findall(r"\w+", """
-    auto break case char const continue default do double else enum extern float for goto if inline int long
-    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
-    bool
-    """)
-)  # fmt: skip
+COLUMNS: Final = 10
+"""Number of columns that functions of matrices take at once, whose sums stay in registers."""
 
 
-def identifier(*parts: object) -> str:
-    """A name in C of the parts of a path."""
-    text = re.sub(r"\W+", "_", "_".join(str(part) for part in parts)).strip("_")
-    text = text or "value"
-    return f"n{text}" if text[0].isdigit() or text in _C_WORDS or keyword.iskeyword(text) else text
+def template(name: str) -> str:
+    """A file in C that generated code is made of."""
+    return (importlib.resources.files("glucoloop.native.targets.c") / "templates" / name).read_text(encoding="utf-8")
+
+
+def _for_each_column(result: re.Match[str]) -> str:
+    """A line that is marked, for each of the columns."""
+    # MISRA C:2012, rule 2.2: nothing is added to the first place.
+    texts = (result[2].replace(" + #", f" + {i}" if i else "").replace("#", str(i)) for i in range(COLUMNS))
+    return "\n".join(f"{result[1]}{text}" for text in texts)
+
+
+@functools.cache
+def _sources() -> dict[str, str]:
+    """Text of each function by its name."""
+    text = re.sub(r"^( *)@each@ (.*)$", _for_each_column, template("helpers.c"), flags=re.MULTILINE)
+    functions = text.replace("@COLUMNS@", str(COLUMNS)).strip().split("\n\n")
+    return {re.findall(r"^static \S+ (\w+)\(", function, re.MULTILINE)[0]: function for function in functions}
+
+
+def helpers(text: Iterable[str], format: Format) -> list[str]:
+    """Definitions of the functions that lines of C call, each after those that it calls itself."""
+    sources, needed = _sources(), set[str]()
+    waiting = ["\n".join(text)]
+    while waiting:
+        for name in set(re.findall(r"\bgl_\w+(?=\()", waiting.pop())) & sources.keys() - needed:
+            needed.add(name)
+            waiting.append(sources[name])
+    lines: list[str] = []
+    for name, source in sources.items():
+        if name in needed:
+            lines += [*_filled(source, format).splitlines(), ""]
+    return lines
+
+
+def _filled(source: str, format: Format) -> str:
+    shift = format.mantissa_bits
+    texts = {
+        "real": format.type,
+        "f": format.suffix,
+        "bits": format.bits,
+        "u": format.bits_suffix,
+        "shift": str(shift),
+        "signbit": str(31 if format.type == "float" else 63),
+        "bias": str(format.bias),
+        "mask": str(2 * format.bias + 1),
+        "magic": f"0x1p+{shift}{format.suffix}",
+        "MAX": "FLT_MAX" if format.type == "float" else "DBL_MAX",
+    }
+    return re.sub(r"@(\w+)@", lambda result: texts[result.group(1)], source)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -13,19 +14,56 @@ import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered, lower
-from glucoloop.native.targets.c.api import MEANINGS, header, record_bytes, saving
 from glucoloop.native.targets.c.compact.translate import Body, compact
 from glucoloop.native.targets.c.compact.writer import WORKSPACE, Tables
-from glucoloop.native.targets.c.helpers import helpers, template
-from glucoloop.native.targets.c.numbers import FORMATS, TRUTH, WHOLE, Format, kind_of, type_of
+from glucoloop.native.targets.c.numbers import FORMATS, TRUTH, WHOLE, Format, helpers, kind_of, template, type_of
 from glucoloop.native.targets.c.records import Structure, declaration, record
 from glucoloop.native.targets.c.unrolled import elementary, unrolled
 from glucoloop.refusal import Refusal
 
+MEANINGS: Final = {
+    "observation": {
+        "glucose_mg_dl": "reading of the sensor [mg/dl]; any bits where it is not valid",
+        "valid": "0: the sensor has no valid reading, otherwise: it has",
+        "setpoint_mg_dl": "target glucose [mg/dl]",
+        "delivered_mU_min": "rate that the pump delivered since the last step [mU/min]",
+        "announced_carbs_g": "carbohydrate of a meal that begins before the next step [g]; 0: none announced",
+        "announced_in_min": "time from now until that meal is eaten [min]; 0: before the next step",
+        "delivered_bolus_mU": "bolus that the pump delivered since the last step, apart from that rate [mU]; 0: none",
+        "time_of_day_min": "minutes after midnight, from 0 to below 1440 [min]",
+    },
+    "decision": {
+        "insulin_mU_min": "rate until the next step [mU/min]",
+        "bolus_mU": "bolus, beside that rate [mU]; 0: none",
+        "status": "number of a status; 0: normal",
+    },
+}
+"""Meanings of the fields of an observation and of a decision."""
+_AROUND: Final = 20
+"""Number of bytes of a record around the state: mark, digest and CRC."""
+
+
+def _record_bytes(state_bytes: int) -> int:
+    """Number of bytes of a saved state."""
+    return state_bytes + _AROUND
+
+
+def _header(structures: str, state_bytes: int) -> str:
+    """The header around the structures."""
+    return template("header.h").replace("@STRUCTURES@", structures).replace("@SIZE@", str(_record_bytes(state_bytes)))
+
+
+def _saving(state_bytes: int, design: str) -> str:
+    """``gl_save`` and ``gl_restore``, for a design with a digest."""
+    mark = ["47", "4C", "53", "54", *(design[i : i + 2].upper() for i in range(0, 24, 2))]
+    text = "\n" + template("saving.c").replace("@MARK@", ", ".join(f"0x{byte}U" for byte in mark))
+    return text.replace("@SIZE@", str(state_bytes))
+
+
 UNROLLED: Final = "unrolled"
 COMPACT: Final = "compact"
 AUTO: Final = "auto"
-LONGEST_UNROLLED: Final = 1000
+_LONGEST_UNROLLED: Final = 1000
 """Largest number of operations of a step for which `auto` takes the unrolled form, which is faster but larger."""
 HEADER: Final = "controller.h"
 
@@ -54,8 +92,8 @@ class LastClamp:
     """Field of the decision."""
     delivered: str
     """Field of the observation: the rate so far."""
-    least: float
-    most: float
+    minimum: float
+    maximum: float
     change: float
     """Largest change from a delivered rate that is within the bounds, with all rounding of the step."""
     bolus: tuple[str, float] | None = None
@@ -64,7 +102,7 @@ class LastClamp:
     def lines(self, format: Format) -> list[str]:
         """Last statements of the step."""
         place = f"decision->{self.rate}"
-        doses = [(place, f"gl_limited({place}, observation->{self.delivered})", self.least)]
+        doses = [(place, f"gl_limited({place}, observation->{self.delivered})", self.minimum)]
         if self.bolus is not None:
             name, largest = self.bolus
             place = f"decision->{name}"
@@ -72,18 +110,18 @@ class LastClamp:
         # Frama-C concludes that a number is one from x == x alone, not from a comparison with a bound.
         return [
             line
-            for place, bounded, least in doses
+            for place, bounded, minimum in doses
             for line in (
                 f"{place} = {bounded};",
-                f"{place} = ({place} == {place}) ? {place} : {format.literal(least)};",
+                f"{place} = ({place} == {place}) ? {place} : {format.literal(minimum)};",
             )
         ]
 
     def function(self, format: Format) -> list[str]:
         """Definition of the function that is called."""
-        real, low, high, change = format.type, *map(format.literal, (self.least, self.most, self.change))
+        real, low, high, change = format.type, *map(format.literal, (self.minimum, self.maximum, self.change))
         lines = [
-            "/* The rate, which the limits of the pump have bounded before: once more, so that it can be proved. */",
+            "/* The rate within the limits of the pump, which the step keeps: once more, so that it can be proved. */",
             f"static {real} gl_limited({real} rate, {real} delivered)",
             "{",
             f"const {real} near = gl_inside(delivered, {low}, {high}) ? "
@@ -109,7 +147,7 @@ class Source:
     lowered: tuple[Lowered, Lowered] | None
     """Init and step as scalar programs; None in the compact form."""
     design: str
-    """Digest of the code and of the fields of its structures, which distinguishes saved states."""
+    """SHA-256 of the statements and of the structures, without comments; it distinguishes saved states."""
     record_bytes: int
     """Size of a saved state."""
 
@@ -153,15 +191,21 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
             ]
         else:
             form = UNROLLED
-            held, seen, decided = (structure.elements() for structure in (state, observation, decision))
-            lines = [unrolled(lowered[0], seen, held), unrolled(lowered[1], [*held, *seen], [*held, *decided])]
+            of_state, of_observation, of_decision = (
+                structure.elements() for structure in (state, observation, decision)
+            )
+            lines = [
+                unrolled(lowered[0], of_observation, of_state),
+                unrolled(lowered[1], [*of_state, *of_observation], [*of_state, *of_decision]),
+            ]
             bodies = [Body(of_function, {}) for of_function in lines]
         if last is not None:
             bodies[1] = Body([*bodies[1].lines, *last.lines(format)], bodies[1].workspace)
         code = _code(bodies, tables, format, [] if last is None else last.function(format))
     workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in WORKSPACE}
     records = {"state": state, "observation": observation, "decision": decision}
-    design = hashlib.sha256("\n".join([_structures(records, workspace, format), *code]).encode()).hexdigest()
+    statements = _without_comments("\n".join([_structures(records, workspace, format), *code]))
+    design = hashlib.sha256(statements.encode()).hexdigest()
     size = state.memory(traced.precision).itemsize
     head = [
         "/*",
@@ -170,14 +214,14 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
         " */",
     ]
     return Source(
-        header="\n".join([*head, header(_structures(records, workspace, format, MEANINGS), size)]),
-        code="\n".join([*head, *_before(format), *code, saving(size, design)]),
+        header="\n".join([*head, _header(_structures(records, workspace, format, MEANINGS), size)]),
+        code="\n".join([*head, *_before(format), *code, _saving(size, design)]),
         form=form,
         records=records,
         workspace=workspace,
         lowered=lowered,
         design=design,
-        record_bytes=record_bytes(size),
+        record_bytes=_record_bytes(size),
     )
 
 
@@ -199,7 +243,7 @@ def _lowered(traced: Traced, form: str) -> tuple[Lowered, Lowered] | None:
         return None
     with jax.enable_x64(precision == DOUBLE):
         stepping = lower(each, (), traced.state, traced.observation, (), precision=precision)
-        if form == AUTO and len(stepping.program.needed(stepping.layout.results)) > LONGEST_UNROLLED:
+        if form == AUTO and len(stepping.program.needed(stepping.layout.results)) > _LONGEST_UNROLLED:
             return None
         return lower(first, (), (), traced.observation, (), precision=precision), stepping
 
@@ -213,6 +257,10 @@ def _equations(jaxpr: Any) -> Iterator[Any]:
                 inner = getattr(part, "jaxpr", part)
                 if hasattr(inner, "eqns"):
                     yield from _equations(inner)
+
+
+def _without_comments(code: str) -> str:
+    return re.sub(r"\s*/\*.*?\*/", "", code, flags=re.DOTALL)
 
 
 def _before(format: Format) -> list[str]:
@@ -236,18 +284,18 @@ def _code(bodies: Sequence[Body], tables: Tables, format: Format, last: Sequence
 
 
 def _function(name: str, body: Body, format: Format) -> list[str]:
-    given = ["gl_workspace *workspace", "gl_state *state", "const gl_observation *observation"]
+    parameters = ["gl_workspace *workspace", "gl_state *state", "const gl_observation *observation"]
     if name == "gl_step":
-        given.append("gl_decision *decision")
+        parameters.append("gl_decision *decision")
     lines = list(body.lines)
     text = "\n".join(lines)
     for pointer in ("state", "observation", "decision"):
-        if f"{pointer}->" not in text and any(pointer in parameter for parameter in given):
+        if f"{pointer}->" not in text and any(pointer in parameter for parameter in parameters):
             lines.insert(0, f"(void){pointer};")
     used = [(type_of(kind, format), letter) for kind, letter in WORKSPACE.items() if body.workspace.get(kind)]
     locals_ = [f"{type_name} *const {letter} = workspace->{letter};" for type_name, letter in used]
     locals_ = locals_ or ["(void)workspace;"]
-    return _indented([f"void {name}({', '.join(given)})", "{", *locals_, *lines, "}"])
+    return _indented([f"void {name}({', '.join(parameters)})", "{", *locals_, *lines, "}"])
 
 
 def _indented(lines: Sequence[str]) -> list[str]:
@@ -287,9 +335,9 @@ def _structures(
     meanings: Mapping[str, Mapping[str, str]] | None = None,
 ) -> str:
     comments = {
-        "observation": "What is known at a sample.",
-        "state": "What the controller remembers from sample to sample. The caller keeps it.",
-        "decision": "What the pump is to do until the next sample, and why.",
+        "observation": "Inputs of a step.",
+        "state": "State of the controller between samples. The caller keeps it.",
+        "decision": "Dose until the next sample, and its status.",
     }
     lines: list[str] = []
     for name, comment in comments.items():
@@ -301,6 +349,6 @@ def _structures(
         if workspace[kind] or (kind == TRUTH and not any(workspace.values()))
     ]
     room_comment = (
-        "Memory for the computation of one step; nothing in it lasts. One may serve several controllers in turn."
+        "Working memory of one step, whose content need not be kept. One may serve several controllers in turn."
     )
     return "\n".join([*lines, f"/* {room_comment} */", "typedef struct", "{", *room, "} gl_workspace;"])

@@ -16,19 +16,19 @@ from glucoloop.native.program import BOOL, Block, Value
 from glucoloop.native.targets.c.compact.arithmetic import FUNCTIONS, function
 from glucoloop.native.targets.c.numbers import CALLS, FORMATS, INFIX, REAL, TRUTH, Format, type_of
 
-Element = tuple[str, str]
+_Element = tuple[str, str]
 """An element of a structure: C text and kind."""
 
 
-def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Element]) -> list[str]:
+def unrolled(lowered: Lowered, arguments: Sequence[_Element], results: Sequence[_Element]) -> list[str]:
     """Statements of a lowered function without a person and without random draws.
 
-    `given` are the places of the numbers of carry, own and shared; `returned` those of the next state and the outputs.
+    `arguments` are the places of the numbers of carry, own and shared; `results` those of next state and outputs.
     """
     layout = lowered.layout
     inputs = [*layout.carry, *layout.own, *layout.shared]
-    sources = dict(zip(inputs, given, strict=True))
-    return _Writer(lowered, sources).lines(returned)
+    sources = dict(zip(inputs, arguments, strict=True))
+    return _Writer(lowered, sources).lines(results)
 
 
 def elementary(text: Iterable[str], format: Format) -> list[str]:
@@ -39,12 +39,12 @@ def elementary(text: Iterable[str], format: Format) -> list[str]:
         if re.search(rf"\bgl_{name}\(", joined):
             program = function(name, format.precision)
             layout = program.layout
-            given = ("x", "y")[: len(layout.own)]
-            taken = ", ".join(f"{format.type} {argument}" for argument in given)
-            writer = _Writer(program, {v: (text, REAL) for v, text in zip(layout.own, given, strict=True)})
+            arguments = ("x", "y")[: len(layout.own)]
+            parameters = ", ".join(f"{format.type} {argument}" for argument in arguments)
+            writer = _Writer(program, {v: (text, REAL) for v, text in zip(layout.own, arguments, strict=True)})
             lines += [
                 f"/* {getattr(Functions, name).__doc__} */",
-                f"static {format.type} gl_{name}({taken})",
+                f"static {format.type} gl_{name}({parameters})",
                 "{",
                 *writer.computed(),
             ]
@@ -53,7 +53,7 @@ def elementary(text: Iterable[str], format: Format) -> list[str]:
 
 
 class _Writer:
-    def __init__(self, lowered: Lowered, sources: dict[Value, Element]) -> None:
+    def __init__(self, lowered: Lowered, sources: dict[Value, _Element]) -> None:
         self._p, self._results = lowered.program, lowered.layout.results
         self._format: Format = FORMATS[lowered.precision]
         self._sources = sources
@@ -69,9 +69,9 @@ class _Writer:
         for value in self._results:
             self._uses[value] = self._uses.get(value, 0) + 2
 
-    def lines(self, returned: Sequence[Element]) -> list[str]:
+    def lines(self, results: Sequence[_Element]) -> list[str]:
         lines = self.computed()
-        for value, (place, kind) in zip(self._results, returned, strict=True):
+        for value, (place, kind) in zip(self._results, results, strict=True):
             text, truth = self.name(value), self._is_truth(value)
             zero, one = (self._format.literal(n) if kind == REAL else f"{n:.0f}" for n in (0.0, 1.0))
             if truth or kind == TRUTH:
@@ -108,36 +108,36 @@ class _Writer:
         assert body.value is not None
         loop, real = self._p.loops[body.value], self._format.type
         label, length = f"l{body.value}", loop.length or 0
-        start, following, rows, given = loop.groups(self._p.operations[body.value][1])
-        lines = [self._local("", v, f"c{v}", self.name(of)) for v, of in zip(loop.carried, start, strict=True)]
+        start, following, rows, outputs = loop.groups(self._p.operations[body.value][1])
+        lines = [self._local("", v, f"c{v}", self.name(of)) for v, of in zip(loop.carry, start, strict=True)]
         if rows:
             numbers = ", ".join(map(self._as_number, rows))
             lines.append(f"const {real} {label}_rows[{len(rows)}] = {{ {numbers} }};")
-        if given:
-            lines.append(f"{real} {label}_given[{length * len(given)}];")
-        goes_on = [f"{label} < {length}"] if length else []
+        if outputs:
+            lines.append(f"{real} {label}_outputs[{length * len(outputs)}];")
+        conditions = [f"{label} < {length}"] if length else []
         if loop.over:
-            goes_on.append(f"{'!' if loop.over[1] else ''}c{loop.carried[loop.over[0]]}")
-        lasts = " && ".join(f"({condition})" for condition in goes_on) if len(goes_on) > 1 else goes_on[0]
+            conditions.append(f"{'!' if loop.over[1] else ''}c{loop.carry[loop.over[0]]}")
+        lasts = " && ".join(f"({condition})" for condition in conditions) if len(conditions) > 1 else conditions[0]
         lines += [f"for (int32_t {label} = 0; {lasts}; {label}++)" if length else f"while ({lasts})", "{"]
-        self._names.update({v: f"c{v}" for v in loop.carried})
+        self._names.update({v: f"c{v}" for v in loop.carry})
         for i, row in enumerate(loop.rows):
             text = self._of_number(row, f"{label}_rows[({len(loop.rows)} * {label}) + {i}]")
             lines.append(self._local("const ", row, f"v{row}", text))
             self._names[row] = f"v{row}"
         lines += self._statements(body)
-        lines += [f"{label}_given[({len(given)} * {label}) + {i}] = {self._as_number(v)};" for i, v in enumerate(given)]
-        pairs = [(v, to) for v, to in zip(following, loop.carried, strict=True) if v != to]
+        lines += [
+            f"{label}_outputs[({len(outputs)} * {label}) + {i}] = {self._as_number(v)};" for i, v in enumerate(outputs)
+        ]
+        pairs = [(v, to) for v, to in zip(following, loop.carry, strict=True) if v != to]
         lines += [self._local("const ", v, f"n{to}", self.name(v)) for v, to in pairs]
         lines += [f"c{to} = n{to};" for _, to in pairs]
         return [*lines, "}"]
 
     def _part(self, value: Value, of: Value, number: Value) -> str:
         loop, place = self._p.loops[of], int(self._p.constants[number])
-        carried = len(loop.carried)
-        return (
-            f"c{loop.carried[place]}" if place < carried else self._of_number(value, f"l{of}_given[{place - carried}]")
-        )
+        carry = len(loop.carry)
+        return f"c{loop.carry[place]}" if place < carry else self._of_number(value, f"l{of}_outputs[{place - carry}]")
 
     def _as_number(self, value: Value) -> str:
         one, zero = map(self._format.literal, (1.0, 0.0))

@@ -1,7 +1,7 @@
 """Division of a long program into chunks that fit a processor's instruction cache.
 
 A sample of a patient and a controller is several thousand instructions. Where the cache cannot hold them, fetching them
-anew for every vector of people would take most of the time. So they are cut into chunks, and several vectors go through
+again for every vector of people would take most of the time. They are cut into chunks, and several vectors go through
 each chunk in turn; what a later chunk needs waits in a slot of memory, which is given to another value afterwards.
 A program that fits goes through its chunks one vector at a time; the cuts then spare the compiler blocks that are too
 long for it. A loop has chunks of its own, and memory for what passes into its rounds, between them and out of them.
@@ -25,7 +25,7 @@ OPERATIONS_A_CHUNK: Final = 2000, 500
 OPERATIONS_OF_SEVERAL: Final = 75, 150
 """The same where several vectors go through each chunk in turn: of a shorter chunk, more stays in registers."""
 
-Cell = tuple[str, int, str | None]
+_Cell = tuple[str, int, str | None]
 """Name of an array of a loop, a place in it, and the name of a number that is added to the place."""
 
 
@@ -34,7 +34,7 @@ class Chunk:
     """A part of the program."""
 
     values: Sequence[Value]
-    stored: list[tuple[Value, Cell]] = field(default_factory=list)
+    stored: list[tuple[Value, _Cell]] = field(default_factory=list)
     """Values that a later chunk, rounds of a loop or the next sample need, each with its place."""
     written: Sequence[tuple[Value, int]] = ()
 
@@ -48,18 +48,18 @@ class Rounds:
     first: int
     """Number of its first chunk."""
     last: int
-    given: int
+    outputs: int
     """Number of values that each round gives."""
 
 
 @dataclass(frozen=True)
-class ChunkPlan:
+class _ChunkPlan:
     """Division of the whole program into chunks."""
 
     chunks: Sequence[Chunk]
     loops: Sequence[Rounds]
     """Loops, each after those inside it."""
-    cells: dict[Value, Cell]
+    cells: dict[Value, _Cell]
     """Places where the state, inputs of rounds, parts of loops and values of earlier chunks are read."""
     slots: int
 
@@ -71,7 +71,7 @@ class _Cutter:
         self._p, self._size = program, size
         self.chunks: list[Chunk] = []
         self.loops: list[Rounds] = []
-        self.cells: dict[Value, Cell] = {}
+        self.cells: dict[Value, _Cell] = {}
         self.home: dict[Value, int] = {}
         """Number of the chunk of each value."""
 
@@ -96,17 +96,17 @@ class _Cutter:
         assert body.value is not None
         loop, first = self._p.loops[body.value], len(self.chunks)
         label = _label(loop)
-        start, following, rows, given = loop.groups(self._p.operations[body.value][1])
-        self.cells.update({v: (f"%{label}_old", i, None) for i, v in enumerate(loop.carried)})
+        start, following, rows, outputs = loop.groups(self._p.operations[body.value][1])
+        self.cells.update({v: (f"%{label}_old", i, None) for i, v in enumerate(loop.carry)})
         self.cells.update({v: (f"%{label}_rows", i, f"%{label}_row") for i, v in enumerate(loop.rows)})
         self._pass(start, (f"%{label}_start", 0, None), loop.home[:-1])
         self._pass(rows, (f"%{label}_rows", 0, None), loop.home[:-1])
         self.cut(body)
         self._pass(following, (f"%{label}_new", 0, None), loop.home)
-        self._pass(given, (f"%{label}_given", 0, f"%{label}_at"), loop.home)
-        self.loops.append(Rounds(label, loop, first, len(self.chunks) - 1, len(given)))
+        self._pass(outputs, (f"%{label}_outputs", 0, f"%{label}_at"), loop.home)
+        self.loops.append(Rounds(label, loop, first, len(self.chunks) - 1, len(outputs)))
 
-    def _pass(self, values: Sequence[Value], to: Cell, home: tuple[int, ...]) -> None:
+    def _pass(self, values: Sequence[Value], to: _Cell, home: tuple[int, ...]) -> None:
         """Pass values to places that follow one another: from the chunk of a value, or from the last one so far."""
         for i, value in enumerate(values, start=to[1]):
             number = self.home.get(value, -1) if self._p.homes[value] == home else -1
@@ -115,11 +115,11 @@ class _Cutter:
     def _find(self, part: Value) -> None:
         value, number = self._p.operations[part][1]
         loop, place = self._p.loops[value], int(self._p.constants[number])
-        carried, label = len(loop.carried), _label(loop)
+        carry, label = len(loop.carry), _label(loop)
         # Rounds write in one place and in the other, in turns; what ends early is brought to the first.
         last = "start" if loop.over or loop.length is None or loop.length % 2 == 0 else "next"
         self.cells[part] = (
-            (f"%{label}_{last}", place, None) if place < carried else (f"%{label}_given", place - carried, None)
+            (f"%{label}_{last}", place, None) if place < carry else (f"%{label}_outputs", place - carry, None)
         )
 
 
@@ -135,7 +135,7 @@ def plan_chunks(
     fused: Mapping[Value, Value],
     size: int,
     vectors: Mapping[Value, Sequence[Value]] | None = None,
-) -> ChunkPlan:
+) -> _ChunkPlan:
     """Divide values that are computed at every sample into chunks of a size.
 
     `fused` are the products that are computed together with a sum; `vectors` the values that are needed where a loop
@@ -165,19 +165,19 @@ def plan_chunks(
         for results in (layout.next_carry, layout.outputs)
     )
     for number, chunk in enumerate(chunks):
-        kept = [value for value in chunk.values if last_use.get(value, number) > number]
-        for value in kept:
+        live = [value for value in chunk.values if last_use.get(value, number) > number]
+        for value in live:
             if not free:
                 free.append(slots)
                 slots += 1
             cutter.cells[value] = "%slots", free.pop(), None
         # only now: a slot that this chunk reads must not be overwritten by it
         free += [cutter.cells[value][1] for value in leaving.get(number, ())]
-        chunk.stored[:0] = [(value, cutter.cells[value]) for value in kept]
+        chunk.stored[:0] = [(value, cutter.cells[value]) for value in live]
         chunk.stored += [(value, ("%new", i, None)) for value, i, there in following if there == number]
         chunk.written = [(value, i) for value, i, there in outputs if there == number]
     cutter.cells.update({value: ("%old", i, None) for i, value in enumerate(layout.carry)})
-    return ChunkPlan(chunks, cutter.loops, cutter.cells, slots)
+    return _ChunkPlan(chunks, cutter.loops, cutter.cells, slots)
 
 
 def _arguments(program: Program, value: Value, fused: Mapping[Value, Value]) -> list[Value]:

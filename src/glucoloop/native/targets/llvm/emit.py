@@ -12,7 +12,7 @@ from typing import Final
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Value
+from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Program, Value
 from glucoloop.native.targets.llvm.chunks import (
     FITS_THE_CACHE,
     LONG,
@@ -24,9 +24,9 @@ from glucoloop.native.targets.llvm.chunks import (
 )
 from glucoloop.native.targets.llvm.rows import MatrixRows, find_rows
 from glucoloop.native.targets.llvm.vectors import VectorCode
-from glucoloop.native.targets.products import FUSED, fused_products
+from glucoloop.native.targets.products import FUSED
 
-VECTORS_A_BLOCK: Final = 4
+_VECTORS_A_BLOCK: Final = 4
 """Number of vectors that go through a chunk of a longer program while its instructions are in the cache."""
 
 _ARRAYS: Final = ("carry", "own", "shared", "outputs")
@@ -59,63 +59,63 @@ class Emitter:
 
         results = layout.results
         order = program.needed(results)
-        self._taken = fused_products(program, order, results) if products == FUSED else {}
+        self._fused_sums = _fused_products(program, order, results) if products == FUSED else {}
         self._once = [v for v in order if program.levels[v] == PERSON]
-        varying = [v for v in order if program.levels[v] == SAMPLE and v not in self._taken]
+        varying = [v for v in order if program.levels[v] == SAMPLE and v not in self._fused_sums]
         needed = [a for v in order if program.levels[v] == SAMPLE for a in program.operations[v][1]]
         self._persons = {v: i for i, v in enumerate(layout.person)}
-        held = [v for v in dict.fromkeys([*needed, *results]) if program.levels[v] == PERSON]
-        in_memory = self._persons if apart else {}  # which need not be copied, since they lie before what is held
-        computed = [v for v in held if v not in in_memory]
-        self._held = {v: i + len(in_memory) for i, v in enumerate(computed)}
+        per_person = [v for v in dict.fromkeys([*needed, *results]) if program.levels[v] == PERSON]
+        in_memory = self._persons if apart else {}  # which need not be copied, since they lie before the others
+        computed = [v for v in per_person if v not in in_memory]
+        self._per_person = {v: i + len(in_memory) for i, v in enumerate(computed)}
         """Place of each value that is computed once and needed at every sample."""
         arriving = {name: getattr(layout, name) for name in ("carry", "own", "shared")}
         self._sources = {v: (name, i) for name, values in arriving.items() for i, v in enumerate(values)}
         values = [v for v in varying if v not in self._sources]
         # A caller's numbers are at known places only if the function is apart.
-        rows = find_rows(program, values, results, self._persons | self._held) if apart else []
+        rows = find_rows(program, values, results, self._persons | self._per_person) if apart else []
         self._rows = {min(row.sums, key=values.index): row for row in rows}
         """Rows by the first of them that is computed."""
         self._sums = {v: i for i, v in enumerate(v for row in rows for v in row.sums)}
         """Place of each row's value, which waits in memory."""
         inner = {v for row in rows for v in row.inner} | (self._sums.keys() - self._rows.keys())
         values = [v for v in values if v not in inner]
-        self._group = 1 if apart or vectors > 1 or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
+        self._group = 1 if apart or vectors > 1 or len(values) <= FITS_THE_CACHE else _VECTORS_A_BLOCK
         factors = {first: row.factors for first, row in self._rows.items()}
         size = (OPERATIONS_A_CHUNK if self._group == 1 else OPERATIONS_OF_SEVERAL)[len(values) > LONG]
-        self._plan = plan_chunks(program, layout, program.bodies(values), self._taken, size, vectors=factors)
+        self._plan = plan_chunks(program, layout, program.bodies(values), self._fused_sums, size, vectors=factors)
         self.room = 0
         """Number of vectors in which the function works that is written, unless it is apart."""
 
     @property
-    def held(self) -> int:
-        """Number of values of a person that ``hold`` adds to the numbers of the person."""
-        return len(self._held)
+    def per_person(self) -> int:
+        """Number of values of a person that are computed once, beside the numbers of the person."""
+        return len(self._per_person)
 
     def text(self) -> str:
         """A module with the function ``kernel``.
 
         Its arguments are those of `Kernel.run` with `room` more vectors in which it works, the number of columns, the
         first and the last vector, and the number of samples. If it is apart, it has two functions for one vector of
-        people, whose numbers lie together: ``NAME_hold(held)`` finds the numbers of the people in the first places of
-        `held` and fills the others, and ``NAME(held, carry, own, shared, outputs, samples)`` goes on from these. Its
-        number has 32 bits, since JavaScript has those of 64 bits only as objects.
+        people, whose numbers lie together: ``NAME_per_person(per_person)`` reads the numbers of the people in the first
+        places of `per_person` and fills the others, and ``NAME(per_person, carry, own, shared, outputs, samples)`` goes
+        on from these. `samples` has 32 bits, since JavaScript has numbers of 64 bits only as objects.
         """
         if self._apart:
-            self._write(f"{self._apart}_hold", ("held",), (), self._hold)
-            self._write(self._apart, ("held", *_ARRAYS), ("samples",), self._samples)
+            self._write(f"{self._apart}_per_person", ("per_person",), (), self._compute_per_person)
+            self._write(self._apart, ("per_person", *_ARRAYS), ("samples",), self._samples)
         else:
             self._write("kernel", ("person", *_ARRAYS, "room"), ("stride", "first", "last", "samples"), self._blocks)
         return "\n".join([*self._out.lines, *self._out.declarations(), *self._tables]) + "\n"
 
     def _write(self, name: str, arrays: Sequence[str], numbers: Sequence[str], body: Callable[[], None]) -> None:
-        kind = "i32 %given_" if self._apart else "i64 %"
-        taken = [*(f"ptr noalias %{array}" for array in arrays), *(f"{kind}{number}" for number in numbers)]
-        self._out.say(f"define void @{name}({', '.join(taken)}) #0 {{")
+        kind = "i32 %short_" if self._apart else "i64 %"
+        parameters = [*(f"ptr noalias %{array}" for array in arrays), *(f"{kind}{number}" for number in numbers)]
+        self._out.say(f"define void @{name}({', '.join(parameters)}) #0 {{")
         self._out.say("entry:")
         if self._apart:
             for number in numbers:
-                self._out.say(f"  %{number} = zext i32 %given_{number} to i64")
+                self._out.say(f"  %{number} = zext i32 %short_{number} to i64")
         body()
         self._out.say("  ret void")
         self._out.say("}")
@@ -123,7 +123,7 @@ class Emitter:
     def _blocks(self) -> None:
         """Carry all vectors through all samples, a block at a time."""
         say = self._out.say
-        self._room(held=self.held)
+        self._room(per_person=self.per_person)
         say("  %nothing = icmp sge i64 %first, %last")
         say("  br i1 %nothing, label %end, label %block")
         say("block:")
@@ -132,7 +132,7 @@ class Emitter:
             say("  %rest = sub i64 %last, %b")
             say(f"  %few = icmp slt i64 %rest, {self._group}")
             say(f"  %members = select i1 %few, i64 %rest, i64 {self._group}")
-        self._loop("once", self._hold)
+        self._loop("once", self._compute_per_person)
         self._samples()
         self._out.enter("block_end")
         say(f"  %b_next = add i64 %b, {self._group}")
@@ -151,11 +151,11 @@ class Emitter:
         if self._sums:
             inside["sums"] = len(self._sums)
         for rounds in self._plan.loops:
-            carried, rows = len(rounds.loop.carried), (rounds.loop.length or 0) * len(rounds.loop.rows)
-            given, label = (rounds.loop.length or 0) * rounds.given, rounds.label
-            inside |= {f"{label}_start": carried, f"{label}_next": carried}
-            inside |= {f"{label}_rows": rows, f"{label}_given": given}
-            places |= dict.fromkeys((f"{label}_old", f"{label}_new", f"{label}_end_at"), carried)
+            carry, rows = len(rounds.loop.carry), (rounds.loop.length or 0) * len(rounds.loop.rows)
+            outputs, label = (rounds.loop.length or 0) * rounds.outputs, rounds.label
+            inside |= {f"{label}_start": carry, f"{label}_next": carry}
+            inside |= {f"{label}_rows": rows, f"{label}_outputs": outputs}
+            places |= dict.fromkeys((f"{label}_old", f"{label}_new", f"{label}_end_at"), carry)
             if rounds.loop.over:
                 self._out.say(f"  %{label}_going = alloca i1")
                 self._out.say(f"  store i1 0, ptr %{label}_going")
@@ -220,7 +220,7 @@ class Emitter:
             say(f"  {self._column} = mul i64 {self._vector}, {self._lanes}")
             body()
 
-    def _hold(self) -> None:
+    def _compute_per_person(self) -> None:
         """Compute the values of a person that are the same at every sample."""
         for value in self._once:
             if value in self._persons:
@@ -229,8 +229,8 @@ class Emitter:
                 )
             else:
                 self._names[value] = self._operation(value)
-        for value, i in self._held.items():
-            self._out.store(self._as_number(value), self._cell("%held", i))
+        for value, i in self._per_person.items():
+            self._out.store(self._as_number(value), self._cell("%per_person", i))
 
     def _begin(self) -> None:
         """Load the initial state."""
@@ -257,7 +257,7 @@ class Emitter:
         """Begin a loop of chunks, which reads what is carried in one place and writes it in another, in turns."""
         say, label = self._out.say, rounds.label
         if rounds.loop.over:
-            self._loop(f"{label}_asked", functools.partial(self._ask, rounds, "start"))
+            self._loop(f"{label}_test", functools.partial(self._test_end, rounds, "start"))
         self._out.enter(f"{label}_enter")
         self._branch(rounds, "true")
         say(f"{label}:")
@@ -268,9 +268,9 @@ class Emitter:
         ):
             say(f"  %{label}_{name} = phi {kind} [ {first}, %{label}_enter ], [ %{label}_{then}, %{label}_again ]")
         say(f"  %{label}_row = mul i64 %{label}_k, {len(rounds.loop.rows)}")
-        say(f"  %{label}_at = mul i64 %{label}_k, {rounds.given}")
+        say(f"  %{label}_at = mul i64 %{label}_k, {rounds.outputs}")
 
-    def _ask(self, rounds: Rounds, place: str) -> None:
+    def _test_end(self, rounds: Rounds, place: str) -> None:
         """Note whether the rounds are not over for one of the people."""
         assert rounds.loop.over
         truth, value = rounds.loop.over
@@ -289,7 +289,7 @@ class Emitter:
     def _end_rounds(self, rounds: Rounds) -> None:
         say, label = self._out.say, rounds.label
         if rounds.loop.over:
-            self._loop(f"{label}_asked_again", functools.partial(self._ask, rounds, "new"))
+            self._loop(f"{label}_test_again", functools.partial(self._test_end, rounds, "new"))
         self._out.enter(f"{label}_again")
         say(f"  %{label}_more = add i64 %{label}_k, 1")
         length = rounds.loop.length
@@ -301,7 +301,7 @@ class Emitter:
 
     def _bring(self, rounds: Rounds) -> None:
         """Bring what is carried at the end of a loop to the place in which it was at the beginning."""
-        for i in range(len(rounds.loop.carried)):
+        for i in range(len(rounds.loop.carry)):
             result = self._out.load(self._cell(f"%{rounds.label}_end_at", i))
             self._out.store(result, self._cell(f"%{rounds.label}_start", i))
 
@@ -318,7 +318,7 @@ class Emitter:
             self._tables.append(f"{table} = internal constant [{count} x i32] [{bytes_of}]")
             at = out(f"getelementptr inbounds [{count} x i32], ptr {table}, i64 0, i64 {row}")
             distance = out(f"zext i32 {out(f'load i32, ptr {at}')} to i64")
-            return out(f"getelementptr inbounds i8, ptr %held, i64 {distance}")
+            return out(f"getelementptr inbounds i8, ptr %per_person, i64 {distance}")
 
         with out.counted(label, count) as row:
             total = out.load(listed("starts", rows.starts, row)) if rows.starts else None
@@ -355,7 +355,7 @@ class Emitter:
         if array == "own":
             return self._out.vector_at(self._own, i)
         if self._apart:
-            bases = {"person": "%held", "outputs": "%outputs_now"}
+            bases = {"person": "%per_person", "outputs": "%outputs_now"}
             return self._out.vector_at(bases.get(array, f"%{array}"), i)
         row = self._out(f"add i64 %{array}_row, {i}") if array == "outputs" else str(i)
         offset = self._out(f"mul i64 {row}, %stride")
@@ -375,8 +375,8 @@ class Emitter:
     def _stored(self, value: Value) -> str:
         if self._apart and value in self._persons:
             return self._out.load(self._place("person", self._persons[value]))
-        if value in self._held:
-            return self._out.load(self._cell("%held", self._held[value]))
+        if value in self._per_person:
+            return self._out.load(self._cell("%per_person", self._per_person[value]))
         if value in self._sums:
             return self._out.load(self._cell("%sums", self._sums[value]))
         if value in self._plan.cells:
@@ -396,9 +396,9 @@ class Emitter:
 
     def _operation(self, value: Value) -> str:
         operation, arguments = self._p.operations[value]
-        taken = next((a for a in arguments if self._taken.get(a) == value), None)
-        if operation in ("add", "sub") and taken is not None:
-            return self._fused(operation, arguments, taken)
+        product = next((a for a in arguments if self._fused_sums.get(a) == value), None)
+        if operation in ("add", "sub") and product is not None:
+            return self._fused(operation, arguments, product)
         names = [self._name(a) for a in arguments]
         if operation in ("max", "min"):
             return self._out.extreme(operation, names, [a in self._p.constants for a in arguments])
@@ -413,3 +413,30 @@ class Emitter:
         other = self._name(arguments[1] if first else arguments[0])
         negated = None if operation == "add" else "other" if first else "product"
         return self._out.fused(a, b, other, negated=negated)
+
+
+def _fused_products(program: Program, order: Sequence[Value], results: Sequence[Value]) -> dict[Value, Value]:
+    """Products that are rounded together with the sum which takes them, with that sum.
+
+    These are the products that one sum alone uses, at most one for each sum; of two, the second. In `order` each value
+    comes after its arguments, and `results` are needed as they are.
+    """
+    uses: dict[Value, int] = {}
+    for value in order:
+        for argument in program.operations[value][1]:
+            uses[argument] = uses.get(argument, 0) + 1
+    for value in results:
+        uses[value] = uses.get(value, 0) + 1
+    fused: dict[Value, Value] = {}
+    for value in order:
+        operation, arguments = program.operations[value]
+        if operation not in ("add", "sub"):
+            continue
+        for argument in reversed(arguments):
+            together = (
+                program.levels[argument] == program.levels[value] and program.homes[argument] == program.homes[value]
+            )
+            if program.operations[argument][0] == "mul" and uses[argument] == 1 and together:
+                fused[argument] = value
+                break
+    return fused

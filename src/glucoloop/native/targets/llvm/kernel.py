@@ -78,8 +78,8 @@ def _compiled(text: str) -> tuple[Any, int]:
         return code
 
     llvm, triple = ".".join(map(str, binding.llvm_version_info)), machine.triple
-    made_from = (text, triple, name, features, llvm, llvmlite.__version__, str(_OPTIMISATION), _CODE_MODEL)
-    code = binding.ObjectFileRef.from_data(kept(made_from, compiled))
+    cache_key = (text, triple, name, features, llvm, llvmlite.__version__, str(_OPTIMISATION), _CODE_MODEL)
+    code = binding.ObjectFileRef.from_data(kept(cache_key, compiled))
     # llvmlite's memory manager puts all of an object into one place, as the code model needs it.
     engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine, use_lmm=True)
     engine.add_object_file(code)

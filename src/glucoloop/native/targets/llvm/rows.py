@@ -15,8 +15,8 @@ from typing import Final
 
 from glucoloop.native.program import Program, Value
 
-MIN_ROWS: Final = 3
-MIN_COLUMNS: Final = 3
+_MIN_ROWS: Final = 3
+_MIN_COLUMNS: Final = 3
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def find_rows(
     rows = []
     for sums in alike.values():
         terms_of_first = result[sums[0]].terms
-        if len(sums) < MIN_ROWS or len(terms_of_first) < MIN_COLUMNS:
+        if len(sums) < _MIN_ROWS or len(terms_of_first) < _MIN_COLUMNS:
             continue
         rows.append(
             MatrixRows(

@@ -187,14 +187,14 @@ class VectorCode:
             a = self(f"fneg {v} {a}")
         return self(f"call {v} @llvm.fma.{self._suffix}({v} {a}, {v} {b}, {v} {other})")
 
-    def extreme(self, operation: str, names: Sequence[str], known: Sequence[bool]) -> str:
+    def extreme(self, operation: str, names: Sequence[str], are_constant: Sequence[bool]) -> str:
         """The larger or smaller of two, of which some are known constants; not a number if either is not."""
         v, order = self.vector, "ogt" if operation == "max" else "olt"
-        a, b = reversed(names) if known[1] else names
+        a, b = reversed(names) if are_constant[1] else names
         # takes b where the two cannot be compared
-        taken = self(f"fcmp {order} {v} {a}, {b}")
-        result = self(f"select {self._mask} {taken}, {v} {a}, {v} {b}")
-        if any(known):
+        better = self(f"fcmp {order} {v} {a}, {b}")
+        result = self(f"select {self._mask} {better}, {v} {a}, {v} {b}")
+        if any(are_constant):
             return result
         strange = self(f"fcmp uno {v} {a}, {a}")
         return self(f"select {self._mask} {strange}, {v} {a}, {v} {result}")

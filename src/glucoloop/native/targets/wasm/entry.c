@@ -1,6 +1,6 @@
 /* The two functions that a module exports, around a controller in C: for one vector of people, see `kernels.mjs`. */
 
-enum { LANES = @lanes@, HELD = @held@, CARRY = @carry@, OWN = @own@, OUTPUTS = @outputs@ };
+enum { LANES = @lanes@, PER_PERSON = @per_person@, CARRY = @carry@, OWN = @own@, OUTPUTS = @outputs@ };
 
 /* Number of a lane in a row of a group. */
 #define AT(group, row) group[((row) * LANES) + lane]
@@ -24,27 +24,27 @@ static void repeated(@real@ *group, int32_t rows, int32_t lane)
 }
 
 #define EXPORTED __attribute__((visibility("default")))
-EXPORTED void @name@_hold(@real@ *held);
-EXPORTED void @name@(const @real@ *held, @real@ *carry, const @real@ *own, const @real@ *shared, @real@ *outputs,
+EXPORTED void @name@_per_person(@real@ *per_person);
+EXPORTED void @name@(const @real@ *per_person, @real@ *carry, const @real@ *own, const @real@ *shared, @real@ *outputs,
                      uint32_t samples);
 
-void @name@_hold(@real@ *held)
+void @name@_per_person(@real@ *per_person)
 {
-  (void)held;
+  (void)per_person;
 }
 
-void @name@(const @real@ *held, @real@ *carry, const @real@ *own, const @real@ *shared, @real@ *outputs,
+void @name@(const @real@ *per_person, @real@ *carry, const @real@ *own, const @real@ *shared, @real@ *outputs,
             uint32_t samples)
 {
   static gl_workspace workspace;
   (void)shared;
   for (uint32_t sample = 0; sample < samples; sample++, own += OWN * LANES, outputs += OUTPUTS * LANES)
   {
-    /* Who is shown and keeps the same numbers as the first person of the vector gets the results of that person. */
+    /* A person with the same inputs and state as the first person of the vector gets the results of that one. */
     bool repeats[LANES];
     for (int32_t lane = 0; lane < LANES; lane++)
     {
-      repeats[lane] = (lane > 0) && alike(held, HELD, lane) && alike(own, OWN, lane) && alike(carry, CARRY, lane);
+      repeats[lane] = (lane > 0) && alike(per_person, PER_PERSON, lane) && alike(own, OWN, lane) && alike(carry, CARRY, lane);
     }
     for (int32_t lane = 0; lane < LANES; lane++)
     {
@@ -54,7 +54,7 @@ void @name@(const @real@ *held, @real@ *carry, const @real@ *own, const @real@ *
         repeated(outputs, OUTPUTS, lane);
         continue;
       }
-      gl_observation seen;
+      gl_observation observation;
       gl_state state;
       @step@
     }

@@ -2,16 +2,16 @@
 /**
  * Runs the functions of a WebAssembly module that `glucoloop.native.targets.wasm` made.
  *
- * People are in vectors of `Kernels.lanes`, whose numbers lie together: for each vector `held` is (numbers, lanes), the
- * first of them those of the people, `carry` (numbers, lanes), and `own` and `outputs` (samples, numbers, lanes).
- * `shared` is (samples, numbers).
+ * People are in vectors of `Kernels.lanes`, whose numbers lie together: for each vector `per_person` is
+ * (numbers, lanes), the first of them those of the people, `carry` (numbers, lanes), and `own` and `outputs` (samples,
+ * numbers, lanes). `shared` is (samples, numbers).
  */
 
 /**
  * What one function of the module takes and gives, in numbers.
  * @typedef {object} Sizes
  * @property {number} person
- * @property {number} held what it keeps of a person beside
+ * @property {number} per_person what it computes once for a person
  * @property {number} carry
  * @property {number} own
  * @property {number} shared
@@ -43,25 +43,25 @@ export class Prepared {
     /** Rows of a group for each vector. */
     this.rows = {
       person: sizes.person,
-      held: sizes.person + sizes.held,
+      per_person: sizes.person + sizes.per_person,
       carry: sizes.carry,
       own: sizes.own * samples,
       shared: sizes.shared * samples,
       outputs: sizes.outputs * samples,
     };
     const { lanes } = kernels;
-    const place = (/** @type {"held" | "carry" | "own" | "outputs"} */ group) =>
+    const place = (/** @type {"per_person" | "carry" | "own" | "outputs"} */ group) =>
       kernels.reserve(this.rows[group] * lanes * this.vectors);
-    const held = place("held");
+    const per_person = place("per_person");
     this.at = {
-      person: held,
-      held,
+      person: per_person,
+      per_person,
       carry: place("carry"),
       own: place("own"),
       shared: kernels.reserve(this.rows.shared),
       outputs: place("outputs"),
     };
-    this.begin = kernels.exports[`${name}_hold`];
+    this.begin = kernels.exports[`${name}_per_person`];
     this.step = kernels.exports[name];
   }
 
@@ -74,7 +74,7 @@ export class Prepared {
   view(group, vector = 0) {
     const { array, memory, lanes } = this.kernels;
     if (group === "shared") return new array(memory.buffer, this.at.shared, this.rows.shared);
-    const apart = group === "person" ? this.rows.held : this.rows[group];
+    const apart = group === "person" ? this.rows.per_person : this.rows[group];
     const at = this.at[group] + vector * apart * lanes * array.BYTES_PER_ELEMENT;
     return new array(memory.buffer, at, this.rows[group] * lanes);
   }
@@ -108,37 +108,37 @@ export class Prepared {
    */
   get(group) {
     const { lanes, array } = this.kernels;
-    const found = new array(this.rows[group] * this.people);
+    const numbers = new array(this.rows[group] * this.people);
     for (let person = 0; person < this.people; person++) {
       const from = this.view(group, Math.floor(person / lanes));
       for (let row = 0; row < this.rows[group]; row++) {
-        found[row * this.people + person] = from[row * lanes + (person % lanes)];
+        numbers[row * this.people + person] = from[row * lanes + (person % lanes)];
       }
     }
-    return found;
+    return numbers;
   }
 
   /** Compute what is the same at every sample from the numbers of the people of the first vector. */
-  hold() {
-    this.begin(this.at.held);
+  computePerPerson() {
+    this.begin(this.at.per_person);
   }
 
   /** Carry the people of the first vector through the samples: the state becomes that at the end. */
   advance() {
-    const { held, carry, own, shared, outputs } = this.at;
-    this.step(held, carry, own, shared, outputs, this.samples);
+    const { per_person, carry, own, shared, outputs } = this.at;
+    this.step(per_person, carry, own, shared, outputs, this.samples);
   }
 
   /** Carry all people through the samples. */
   run() {
-    const { held, carry, own, shared, outputs } = this.at;
+    const { per_person, carry, own, shared, outputs } = this.at;
     const bytes = VECTOR_BYTES;
     for (let vector = 0; vector < this.vectors; vector++) {
-      const at = (/** @type {number} */ first, /** @type {"held" | "carry" | "own" | "outputs"} */ group) =>
+      const at = (/** @type {number} */ first, /** @type {"per_person" | "carry" | "own" | "outputs"} */ group) =>
         first + vector * this.rows[group] * bytes;
-      this.begin(at(held, "held"));
+      this.begin(at(per_person, "per_person"));
       this.step(
-        at(held, "held"),
+        at(per_person, "per_person"),
         at(carry, "carry"),
         at(own, "own"),
         shared,

@@ -78,38 +78,38 @@ class Arithmetic:
         """Places of moves that were computed before, by the identity of the operation."""
 
     def __call__(
-        self, name: str, equation: Any, given: Sequence[Array], known: Sequence[bool] = (False, False)
+        self, name: str, equation: Any, operands: Sequence[Array], are_constant: Sequence[bool] = (False, False)
     ) -> list[Array]:
-        """Results of an operation without an inner function; `known` says which factors of a product are constants."""
+        """Results of an operation without an inner function; `are_constant` flags the factors of a product."""
         with np.errstate(all="ignore"):
             if name in primitives.SAME:
-                return list(given)
+                return list(operands)
             if name in flatten.MOVES:
-                return self._moved(equation, given)
+                return self._moved(equation, operands)
             if name in ELEMENTWISE:
-                return [self._elementwise(name, equation, np.broadcast_arrays(*given))]
+                return [self._elementwise(name, equation, np.broadcast_arrays(*operands))]
             if name in flatten.REDUCTIONS:
-                return [self._reduced(name, equation, given[0])]
+                return [self._reduced(name, equation, operands[0])]
             if name == "dot_general":
-                return [self._product(equation, given[0], given[1], (known[0], known[1]))]
-            results = primitives.method(self, name)(equation, *given)
+                return [self._product(equation, operands[0], operands[1], (are_constant[0], are_constant[1]))]
+            results = primitives.method(self, name)(equation, *operands)
         return results if isinstance(results, list) else [results]
 
-    def _apply(self, name: str, *given: Array) -> Array:
-        _, result = interpret(function(name, self.precision), own=np.stack([x.ravel() for x in given]))
-        return result.reshape(given[0].shape)
+    def _apply(self, name: str, *operands: Array) -> Array:
+        _, result = interpret(function(name, self.precision), own=np.stack([x.ravel() for x in operands]))
+        return result.reshape(operands[0].shape)
 
-    def _elementwise(self, name: str, equation: Any, given: Sequence[Array]) -> Array:
-        a, b, c = (*given, given[0], given[0])[:3]
+    def _elementwise(self, name: str, equation: Any, operands: Sequence[Array]) -> Array:
+        a, b, c = (*operands, operands[0], operands[0])[:3]
         kind = kind_of(equation.invars[0].aval.dtype)
-        simple, called = _SIMPLE.get(name), function_of(name, equation)
+        simple, function_name = _SIMPLE.get(name), function_of(name, equation)
         result: Array
-        if called is not None:
-            result = self._apply(called, *given)
+        if function_name is not None:
+            result = self._apply(function_name, *operands)
         elif name == "rem":
             result = np.where(b == 0, a, np.fmod(a, b))
         elif simple is not None:
-            result = simple(*given)
+            result = simple(*operands)
         elif name == "div":
             whole = np.where(b == 0, -1, np.trunc(np.true_divide(a, b))) if kind != REAL else None
             result = np.divide(a, b) if whole is None else whole.astype(np.int32)
@@ -122,7 +122,7 @@ class Arithmetic:
         elif name == "integer_pow":
             result = self._integer_power(a, primitives.exponent(equation))
         elif name == "select_n":
-            result = a.astype(np.int32).choose(given[1:])
+            result = a.astype(np.int32).choose(operands[1:])
         elif name == "sign":
             one = a.dtype.type(1)
             result = np.where(a > 0, one, np.where(a < 0, -one, a))
@@ -149,12 +149,12 @@ class Arithmetic:
             return np.where(a != a, self._real(0.0), bounded).astype(np.int32)
         return constant(a.astype({REAL: self._real, WHOLE: np.int32, TRUTH: np.bool_}[target]), self.precision)
 
-    def _moved(self, equation: Any, given: Sequence[Array]) -> list[Array]:
-        whole = np.concatenate([array.ravel() for array in given])
-        result = self._known_places(equation, lambda: places_of(equation, [array.shape for array in given]))
+    def _moved(self, equation: Any, operands: Sequence[Array]) -> list[Array]:
+        whole = np.concatenate([array.ravel() for array in operands])
+        result = self._cached_places(equation, lambda: places_of(equation, [array.shape for array in operands]))
         return [whole[places] for places in result]
 
-    def _known_places(self, equation: Any, find: Callable[[], list[npt.NDArray[np.int64]]]) -> Any:
+    def _cached_places(self, equation: Any, find: Callable[[], list[npt.NDArray[np.int64]]]) -> Any:
         if id(equation) not in self._places:
             self._places[id(equation)] = equation, find()
         return self._places[id(equation)][1]
@@ -193,10 +193,10 @@ class Arithmetic:
     def _iota(self, equation: Any) -> Array:
         return constant(np.asarray(primitives.iota(equation)).astype(equation.outvars[0].aval.dtype), self.precision)
 
-    def _product(self, equation: Any, a: Array, b: Array, known: tuple[bool, bool]) -> Array:
+    def _product(self, equation: Any, a: Array, b: Array, are_constant: tuple[bool, bool]) -> Array:
         axes = primitives.dot_general(equation)
         (left, right), batch, (free_a, free_b) = axes.summed, axes.batched, axes.free
-        factor = banded_factor(equation, a.shape, b.shape, known)
+        factor = banded_factor(equation, a.shape, b.shape, are_constant)
         inside_a = constant_band(a, left) if factor == 0 else np.ones(a.shape, np.bool_)
         inside_b = constant_band(b, right) if factor == 1 else np.ones(b.shape, np.bool_)
 
@@ -224,16 +224,16 @@ class Arithmetic:
     def _gather(self, equation: Any, a: Array, indices: Array) -> Array:
         axis = primitives.gathered_axis(equation)
         if axis is None:  # by places that are constant, or else the translation refuses it
-            (places,) = self._known_places(equation, lambda: [gather_places(equation, a.shape, indices)])
+            (places,) = self._cached_places(equation, lambda: [gather_places(equation, a.shape, indices)])
             return np.asarray(a.ravel()[places])
-        taken = np.moveaxis(a, axis, 0)[np.clip(indices[..., 0], 0, a.shape[axis] - 1)]
-        return np.moveaxis(taken, range(indices.ndim - 1, taken.ndim), primitives.gathered_offsets(equation))
+        slices = np.moveaxis(a, axis, 0)[np.clip(indices[..., 0], 0, a.shape[axis] - 1)]
+        return np.moveaxis(slices, range(indices.ndim - 1, slices.ndim), primitives.gathered_offsets(equation))
 
     def _scattered(self, equation: Any, a: Array, indices: Array, updates: Array, *, adds: bool) -> Array:
-        known = self._known_places(
+        (places,) = self._cached_places(
             equation, lambda: [primitives.scatter_places(equation, a.shape, indices, updates.shape)]
         )
-        result, (places,) = a.copy(), known
+        result = a.copy()
         result.ravel()[places] = result.ravel()[places] + updates if adds else updates
         return result
 
@@ -287,30 +287,32 @@ class Evaluation:
     def _value(self, array: Any) -> tuple[Array, bool]:
         return constant(array, self._arithmetic.precision), True
 
-    def _run(self, closed: Any, given: Sequence[Array]) -> list[tuple[Array, bool]]:
+    def _run(self, closed: Any, arrays: Sequence[Array]) -> list[tuple[Array, bool]]:
         """Results of a function of arrays that are not constants."""
-        return primitives.evaluated(closed, [(array, False) for array in given], self._value, self._equation)
+        return primitives.evaluated(closed, [(array, False) for array in arrays], self._value, self._equation)
 
     def _equation(self, equation: Any, inputs: list[tuple[Array, bool]]) -> list[tuple[Array, bool]]:
-        name, called = equation.primitive.name, primitives.called(equation)
-        arrays, known = [array for array, _ in inputs], [is_known for _, is_known in inputs]
+        name, callee = equation.primitive.name, primitives.callee(equation)
+        arrays, are_constant = [array for array, _ in inputs], [is_constant for _, is_constant in inputs]
         if name == "custom_linear_solve":
-            called, taken = primitives.solver(equation)
-            inputs = [inputs[i] for i in taken]
+            callee, indices = primitives.solver(equation)
+            inputs = [inputs[i] for i in indices]
         if name == "cond":
             options = primitives.branches(equation)
-            called, inputs = options[min(max(int(arrays[0]), 0), len(options) - 1)], inputs[1:]
-            if not known[0]:
-                return [(array, False) for array, _ in self._run(called, arrays[1:])]
-        if called is not None:
-            return primitives.evaluated(called, inputs, self._value, self._equation)
+            callee, inputs = options[min(max(int(arrays[0]), 0), len(options) - 1)], inputs[1:]
+            if not are_constant[0]:
+                return [(array, False) for array, _ in self._run(callee, arrays[1:])]
+        if callee is not None:
+            return primitives.evaluated(callee, inputs, self._value, self._equation)
         if name == "scan":
             loop = primitives.scan(equation)
-            rows = primitives.rounds(loop, arrays, lambda given: [array for array, _ in self._run(loop.round, given)])
+            rows = primitives.rounds(
+                loop, arrays, lambda operands: [array for array, _ in self._run(loop.round, operands)]
+            )
             return [(array, False) for array in rows]
-        results = self._arithmetic(name, equation, arrays, known)
+        results = self._arithmetic(name, equation, arrays, are_constant)
         small = name in primitives.SAME or all(result.size <= LARGEST_CONSTANT for result in results)
-        return [(result, small and all(known)) for result in results]
+        return [(result, small and all(are_constant)) for result in results]
 
 
 _SIMPLE: Final[dict[str, Callable[..., Any]]] = {
@@ -321,16 +323,18 @@ _SIMPLE: Final[dict[str, Callable[..., Any]]] = {
 }
 
 
-def banded_factor(equation: Any, left: tuple[int, ...], right: tuple[int, ...], known: tuple[bool, bool]) -> int | None:
+def banded_factor(
+    equation: Any, left: tuple[int, ...], right: tuple[int, ...], are_constant: tuple[bool, bool]
+) -> int | None:
     """Factor of a product whose zeros are left out: a matrix or vector of constants times a vector that is not known.
 
     Of each row of that factor the numbers from the first to the last that is not zero enter the sum.
     """
     axes = primitives.dot_general(equation)
-    if known[0] == known[1] or len(axes.summed[0]) != 1 or axes.batched[0]:
+    if are_constant[0] == are_constant[1] or len(axes.summed[0]) != 1 or axes.batched[0]:
         return None
-    of_other = [right[i] for i in axes.free[1]] if known[0] else [left[i] for i in axes.free[0]]
-    return None if np.prod(of_other, dtype=int) != 1 else 0 if known[0] else 1
+    of_other = [right[i] for i in axes.free[1]] if are_constant[0] else [left[i] for i in axes.free[0]]
+    return None if np.prod(of_other, dtype=int) != 1 else 0 if are_constant[0] else 1
 
 
 def constant_band(array: Array, summed: Sequence[int]) -> Array:

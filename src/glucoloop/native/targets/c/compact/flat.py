@@ -63,8 +63,8 @@ class _Flattener:
         self._precision = precision
         self._arithmetic = Arithmetic(precision)
         self._operations: list[Operation] = []
-        self._known: dict[Any, Sequence[Variable]] = {}
-        self._made: dict[Variable, Operation] = {}
+        self._by_key: dict[Any, Sequence[Variable]] = {}
+        self._producers: dict[Variable, Operation] = {}
 
     def function(self, closed: Any) -> Flat:
         inner = _Flattener(self._precision)
@@ -76,14 +76,14 @@ class _Flattener:
         return primitives.evaluated(closed, arguments, lambda array: constant(array, self._precision), self._equation)
 
     def _equation(self, equation: Any, inputs: list[Operand]) -> Sequence[Operand]:
-        name, called = equation.primitive.name, primitives.called(equation)
-        if called is not None:
-            return self._run(called, inputs)
+        name, callee = equation.primitive.name, primitives.callee(equation)
+        if callee is not None:
+            return self._run(callee, inputs)
         if name in primitives.SAME:
             return inputs
         if name == "custom_linear_solve":
-            solve, taken = primitives.solver(equation)
-            return self._run(solve, [inputs[i] for i in taken])
+            solve, indices = primitives.solver(equation)
+            return self._run(solve, [inputs[i] for i in indices])
         if name == "convert_element_type" and isinstance(inputs[0], Variable) and _same_kind(equation):
             return inputs
         if name == "cond":
@@ -92,7 +92,7 @@ class _Flattener:
             inner = (self.function(primitives.scan(equation).round),)
             return self._add(name, equation, inputs, inner)
         small = all(v.aval.size <= LARGEST_CONSTANT for v in equation.outvars)
-        if small and not any(isinstance(given, Variable) for given in inputs):
+        if small and not any(isinstance(operand, Variable) for operand in inputs):
             return self._arithmetic(name, equation, [g for g in inputs if not isinstance(g, Variable)])
         return self._add(name, equation, inputs)
 
@@ -108,26 +108,26 @@ class _Flattener:
         name, inputs = self._joined(name, equation, inputs)
         if not inner:
             key = (name, str(equation.params), tuple(str(v.aval) for v in equation.outvars), *map(_key, inputs))
-            if key in self._known:
-                return self._known[key]
+            if key in self._by_key:
+                return self._by_key[key]
         outputs = [_variable(v) for v in equation.outvars]
         operation = Operation(name, equation, inputs, outputs, inner)
         self._operations.append(operation)
-        self._made.update(dict.fromkeys(outputs, operation))
+        self._producers.update(dict.fromkeys(outputs, operation))
         if not inner:
-            self._known[key] = outputs
+            self._by_key[key] = outputs
         return outputs
 
     def _joined(self, name: str, equation: Any, inputs: Sequence[Operand]) -> tuple[str, Sequence[Operand]]:
         """Two operations that make one of C: whether a number lies within bounds, and the nearest one within them."""
-        made = [self._made.get(given) if isinstance(given, Variable) else None for given in inputs]
-        if name == "and" and made[0] is not None and made[1] is not None:
-            low, high = made[0], made[1]
+        producers = [self._producers.get(operand) if isinstance(operand, Variable) else None for operand in inputs]
+        if name == "and" and producers[0] is not None and producers[1] is not None:
+            low, high = producers[0], producers[1]
             of_low, of_high = low.inputs[0], high.inputs[0]
             if (low.name, high.name) == ("ge", "le") and of_low is of_high and _is_real(low.equation):
                 return INSIDE, [of_low, low.inputs[1], high.inputs[1]]
-        if name == "min" and made[1] is not None and made[1].name == "max" and _is_real(equation):
-            return CLIP, [made[1].inputs[1], made[1].inputs[0], inputs[0]]
+        if name == "min" and producers[1] is not None and producers[1].name == "max" and _is_real(equation):
+            return CLIP, [producers[1].inputs[1], producers[1].inputs[0], inputs[0]]
         return name, inputs
 
 
@@ -164,8 +164,8 @@ def _pruned(inputs: Sequence[Variable], operations: Sequence[Operation], outputs
         if any(output in uses for output in operation.outputs):
             lean = _lean(operation, [output in uses for output in operation.outputs])
             needed.append(lean)
-            for given in lean.inputs:
-                use(given)
+            for operand in lean.inputs:
+                use(operand)
     return Flat(inputs=inputs, operations=needed[::-1], outputs=outputs, uses=uses)
 
 
@@ -180,14 +180,14 @@ def _lean(operation: Operation, used: Sequence[bool]) -> Operation:
     live = list(used)
     while True:  # a number that is carried on is needed if a round needs it for another one
         inner_body = _with_outputs(body, live)
-        carried = inner_body.inputs[loop.constants : loop.constants + loop.carried]
-        needed = [is_live or variable in inner_body.uses for variable, is_live in zip(carried, live, strict=False)]
-        if needed == live[: loop.carried]:
+        carry = inner_body.inputs[loop.constants : loop.constants + loop.carry]
+        needed = [is_live or variable in inner_body.uses for variable, is_live in zip(carry, live, strict=False)]
+        if needed == live[: loop.carry]:
             break
-        live[: loop.carried] = needed
+        live[: loop.carry] = needed
     inputs = [
-        _NOTHING if loop.constants <= i < loop.constants + loop.carried and not live[i - loop.constants] else given
-        for i, given in enumerate(operation.inputs)
+        _NOTHING if loop.constants <= i < loop.constants + loop.carry and not live[i - loop.constants] else operand
+        for i, operand in enumerate(operation.inputs)
     ]
     return replace(operation, inputs=inputs, inner=(inner_body,))
 

@@ -1,7 +1,8 @@
-"""Products of arrays and linear equations in C."""
+"""Sums, extremes and products along axes of arrays, and linear equations, in C."""
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 from typing import Any
@@ -9,14 +10,92 @@ from typing import Any
 import numpy as np
 
 from glucoloop.native import primitives
+from glucoloop.native.flatten import REDUCTIONS
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import banded_factor, constant_band
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
-from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, permuted, shape_of
 from glucoloop.native.targets.c.compact.values import Maker, Scalar, Value, View, dense
-from glucoloop.native.targets.c.compact.writer import FEW
-from glucoloop.native.targets.c.helpers import COLUMNS
-from glucoloop.native.targets.c.numbers import REAL, WHOLE
+from glucoloop.native.targets.c.compact.writer import FEW, Environment, ValueStore, permuted, shape_of
+from glucoloop.native.targets.c.numbers import COLUMNS, INFIX, REAL, TRUTH, WHOLE
+
+
+class Reductions(ValueStore):
+    """Writes what leaves one number of many."""
+
+    def _reduced(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
+        (output,), (operand,) = operation.outputs, operation.inputs
+        axes = primitives.axes(operation.equation)
+        value = self._readable(operand, environment, flat)
+        if isinstance(value, Scalar) or not axes:
+            return value
+        remaining = [axis for axis in range(len(value.shape)) if axis not in axes]
+        turned = permuted(value, [*remaining, *axes])
+        inner = [value.shape[axis] for axis in axes]
+        name, nothing = REDUCTIONS[operation.name]
+        start = self._w.format.constant(nothing, output.kind)
+        step = f"{{0}} {INFIX[name]} {{1}}" if name in INFIX else f"gl_{name}({{0}}, {{1}})"
+
+        def total(indices: list[str]) -> Scalar:
+            result = self._w.variable(output.kind, start)
+            with self._w.loops(inner) as of_inner:
+                text = turned.value([*indices, *of_inner])
+                self._w.say(f"{result.text} = {step.format(result.text, text)};")
+            return result
+
+        return self._each(output, total, (value,))
+
+    def _cumsum(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        (output,), (operand,) = operation.outputs, operation.inputs
+        axis, reverse = primitives.running(operation.equation)
+        value = self._readable(operand, environment, flat)
+        if isinstance(value, Scalar):
+            return [value]
+        order = [*(i for i in range(len(value.shape)) if i != axis), axis]
+        turned = permuted(value, order)
+        last = len(order) - 1
+        turned = turned.mapped(lambda view: view.reversed(last), turned.shape) if reverse else turned
+
+        def write(to: View) -> None:
+            to = to.permuted(order)
+            to = to.reversed(last) if reverse else to
+            with self._w.loops(turned.shape[:-1]) as outer:
+                result = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
+                with self._w.loops(turned.shape[-1:]) as along:
+                    self._w.say(f"{result.text} = {result.text} + {turned.value([*outer, *along])};")
+                    self._w.assign(to, [*outer, *along], result.text)
+
+        return [Maker(output.shape, output.kind, write, (value,))]
+
+    def _first(self, operation: Operation, environment: Environment, flat: Flat, *, sign: str) -> list[Value]:
+        del flat
+        (output,), (operand,) = operation.outputs, operation.inputs
+        (axis,) = primitives.axes(operation.equation)
+        view = self._view(operand, environment)
+        turned = view.permuted([*(i for i in range(len(view.shape)) if i != axis), axis])
+
+        def number(text: str) -> str:
+            return f"({text} ? 1 : 0)" if view.kind == TRUTH else text
+
+        kind = WHOLE if view.kind == TRUTH else view.kind
+
+        def place(indices: list[str]) -> Scalar:
+            best = self._w.variable(kind, number(turned.value([*indices, "0"])))
+            result = self._w.variable(WHOLE, "0")
+            i = self._w.fresh("i")
+            with self._w.counted(i, turned.shape[-1], 1):
+                element = self._w.local(Scalar(number(turned.value([*indices, i])), kind))
+                new = (
+                    f" || (({element.text} != {element.text}) && ({best.text} == {best.text}))" if kind == REAL else ""
+                )
+                condition = f"({element.text} {sign} {best.text})"
+                with self._w.block(f"if ({condition}{new})" if new else f"if {condition}"):
+                    self._w.say(f"{best.text} = {element.text};", f"{result.text} = {i};")
+            return result
+
+        return [self._each(output, place, (view,))]
+
+    _argmax = functools.partialmethod(_first, sign=">")
+    _argmin = functools.partialmethod(_first, sign="<")
 
 
 class LinearAlgebra(ValueStore):
@@ -28,8 +107,8 @@ class LinearAlgebra(ValueStore):
         (summed_a, summed_b), batch, (free_a, free_b) = axes.summed, axes.batched, axes.free
         alone_a = math.prod(shape_of(left)[i] for i in free_a) == 1
         alone_b = math.prod(shape_of(right)[i] for i in free_b) == 1
-        known = not isinstance(left, Variable), not isinstance(right, Variable)
-        factor = banded_factor(operation.equation, shape_of(left), shape_of(right), known)
+        are_constant = not isinstance(left, Variable), not isinstance(right, Variable)
+        factor = banded_factor(operation.equation, shape_of(left), shape_of(right), are_constant)
         if factor is not None:
             constants: Any
             constants, vector, summed = ((left, right, summed_a), (right, left, summed_b))[factor]
@@ -76,13 +155,13 @@ class LinearAlgebra(ValueStore):
 
         def write(to: View) -> None:
             to = to.permuted((1, 0)) if swapped else to
-            given = (
+            arguments = (
                 f"{rows.shape[0]}, {columns.shape[1]}, {columns.shape[0]}",
                 f"&{rows.element()}, {rows.strides[0]}, {rows.strides[1]}",
                 f"&{columns.element()}, {columns.strides[0]}",
                 f"&{to.element()}, {to.strides[0]}, {to.strides[1]}",
             )
-            self._w.say(f"gl_product({', '.join(given)});")
+            self._w.say(f"gl_product({', '.join(arguments)});")
 
         return Maker(output.shape, REAL, write, (rows, columns))
 
@@ -113,12 +192,12 @@ class LinearAlgebra(ValueStore):
         return self._scalar(view) if math.prod(output.shape) == 1 else view
 
     def _lu(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        (given,) = operation.inputs
+        (operand,) = operation.inputs
         factors, pivots, order = operation.outputs
         if pivots in flat.uses:
             raise UnsupportedError("the pivots of a factorisation")
         to = self._w.array(factors.shape, REAL)
-        self._w.write(self._readable_or_maker(given, environment, flat), to)
+        self._w.write(self._readable_or_maker(operand, environment, flat), to)
         at = self._w.array(order.shape, WHOLE)
         n = factors.shape[0]
         self._w.say(f"gl_lu({n}, &{to.element()}, &{at.element()});")
@@ -158,10 +237,10 @@ class LinearAlgebra(ValueStore):
             right = self._copied(right)
         x = self._w.array(output.shape, REAL)
         b, to = (right, x) if lower else (right.reversed(0), x.reversed(0))
-        given = (
+        arguments = (
             f"{to.shape[0]}, {to.shape[1]}",
             f"&{a.element()}, {a.strides[0]}, {a.strides[1]}, {'true' if unit else 'false'}",
             f"&{b.element()}, &{to.element()}, {to.strides[0]}",
         )
-        self._w.say(f"gl_solve({', '.join(given)});")
+        self._w.say(f"gl_solve({', '.join(arguments)});")
         return x

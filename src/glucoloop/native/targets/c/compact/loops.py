@@ -9,9 +9,8 @@ from dataclasses import replace
 
 from glucoloop.native import primitives
 from glucoloop.native.targets.c.compact.flat import Flat, Operation, Variable
-from glucoloop.native.targets.c.compact.stored import Environment, ValueStore
 from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View
-from glucoloop.native.targets.c.compact.writer import Writer
+from glucoloop.native.targets.c.compact.writer import Environment, ValueStore, Writer
 from glucoloop.native.targets.c.numbers import REAL
 
 
@@ -30,33 +29,33 @@ class Loops(ValueStore):
     def _scan(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         loop, (inner,) = primitives.scan(operation.equation), operation.inner
         constants = operation.inputs[: loop.constants]
-        carried = operation.inputs[loop.constants : loop.constants + loop.carried]
-        rows = operation.inputs[loop.constants + loop.carried :]
-        values: list[Value] = [self._stored(given, environment) for given in constants]
-        each = [self._stored(given, environment) for given in rows]
-        held: list[Value] = []  # with 0 for what no round needs
-        of_loop = inner.inputs[loop.constants : loop.constants + loop.carried]
-        for given, output, inside in zip(carried, operation.outputs, of_loop, strict=False):
+        carry = operation.inputs[loop.constants : loop.constants + loop.carry]
+        rows = operation.inputs[loop.constants + loop.carry :]
+        values: list[Value] = [self._stored(operand, environment) for operand in constants]
+        each = [self._stored(operand, environment) for operand in rows]
+        state: list[Value] = []  # with 0 for what no round needs
+        of_loop = inner.inputs[loop.constants : loop.constants + loop.carry]
+        for operand, output, inside in zip(carry, operation.outputs, of_loop, strict=False):
             if output in flat.uses or inside in inner.uses:
-                held.append(self._held(self._readable_or_maker(given, environment, flat), output))
+                state.append(self._loop_variable(self._readable_or_maker(operand, environment, flat), output))
                 self._changing.add(inside)
             else:
-                held.append(Scalar("0", output.kind))
-        gives = operation.outputs[loop.carried :]
+                state.append(Scalar("0", output.kind))
+        gives = operation.outputs[loop.carry :]
         stacked = [self._w.array(output.shape, output.kind) if output in flat.uses else None for output in gives]
         i = self._w.fresh("i")
         with self._w.counted(i, loop.length):
             of_round = [self._row(value, i, reverse=loop.reverse) for value in each]
-            results = self._body(inner, dict(zip(inner.inputs, [*values, *held, *of_round], strict=True)))
-            for value, place in zip(results[loop.carried :], stacked, strict=True):
+            results = self._body(inner, dict(zip(inner.inputs, [*values, *state, *of_round], strict=True)))
+            for value, place in zip(results[loop.carry :], stacked, strict=True):
                 if place is not None:
                     row = place.reversed(0).row(0, i) if loop.reverse else place.row(0, i)
                     self._w.write(value, row)
-            carried_on = zip(results[: loop.carried], held, strict=True)
-            self._put([(value, to) for value, to in carried_on if to != Scalar("0", to.kind)])
-        return [*held, *(Scalar("0", REAL) if place is None else place for place in stacked)]
+            pairs = zip(results[: loop.carry], state, strict=True)
+            self._assign_all([(value, to) for value, to in pairs if to != Scalar("0", to.kind)])
+        return [*state, *(Scalar("0", REAL) if place is None else place for place in stacked)]
 
-    def _held(self, value: Value, output: Variable) -> Value:
+    def _loop_variable(self, value: Value, output: Variable) -> Value:
         """A value that changes from round to round."""
         if math.prod(output.shape) == 1:
             return self._w.variable(output.kind, self._scalar(value).text)
@@ -73,7 +72,7 @@ class Loops(ValueStore):
             return value.parts[0] if math.prod(shape) == 1 else replace(value, shape=shape)
         return value  # a loop of one round
 
-    def _put(self, pairs: Sequence[tuple[Value, Value]]) -> None:
+    def _assign_all(self, pairs: Sequence[tuple[Value, Value]]) -> None:
         """Store values in their places, when nothing reads any more what is there."""
         changing = {to.number for _, to in pairs if isinstance(to, View)}
         waiting: list[tuple[Value, Value]] = []
@@ -93,9 +92,9 @@ class Loops(ValueStore):
                 self._w.say(f"{to.text} = {self._scalar(value).text};")
 
     def _cond(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        index, *given = operation.inputs
+        index, *operands = operation.inputs
         which = self._scalar(self._stored(index, environment)).text
-        values = [self._stored(operand, environment) for operand in given]
+        values = [self._stored(operand, environment) for operand in operands]
         results = [self._place_of_choice(i, operation, values, flat) for i in range(len(operation.outputs))]
         last = len(operation.inner) - 1
         for n, branch in enumerate(operation.inner):
@@ -107,7 +106,7 @@ class Loops(ValueStore):
                 for value, to in pairs:
                     if isinstance(to, Scalar):  # a variable of its own, which nothing reads
                         self._w.say(f"{to.text} = {self._scalar(value).text};")
-                self._put([(value, to) for value, to in pairs if isinstance(to, View)])
+                self._assign_all([(value, to) for value, to in pairs if isinstance(to, View)])
         return results
 
     def _place_of_choice(self, i: int, operation: Operation, values: Sequence[Value], flat: Flat) -> Value:
@@ -118,8 +117,8 @@ class Loops(ValueStore):
         if math.prod(output.shape) == 1:
             return self._w.variable(output.kind, self._w.format.constant(0, output.kind))
         for branch in operation.inner:
-            for variable, given, value in zip(branch.inputs, operation.inputs[1:], values, strict=True):
-                alone = isinstance(given, Variable) and given in self._changing and flat.uses[given] == 1
+            for variable, operand, value in zip(branch.inputs, operation.inputs[1:], values, strict=True):
+                alone = isinstance(operand, Variable) and operand in self._changing and flat.uses[operand] == 1
                 if alone and branch.outputs[i] is variable and isinstance(value, View):
                     return value
         return self._w.array(output.shape, output.kind)

@@ -14,7 +14,7 @@ _MARK: Final = re.compile(r"§(\d+)\+(\d+)§")
 _ATTEMPTS: Final = 100
 """Largest number of orders in which arrays are given their places."""
 
-Lives = dict[int, tuple[int, int]]
+_Lives = dict[int, tuple[int, int]]
 """First and last line of each array, by its number."""
 
 
@@ -46,13 +46,13 @@ def placed(lines: Sequence[str], arrays: Sequence[Array]) -> tuple[list[str], di
         places_of_kind, total[kind] = _packed(of_kind, lives)
         place.update(places_of_kind)
 
-    def put(result: re.Match[str]) -> str:
+    def replacement(result: re.Match[str]) -> str:
         return str(place[int(result.group(1))] + int(result.group(2)))
 
-    return [_MARK.sub(put, line).replace(" + 0]", "]") for line in lines], total
+    return [_MARK.sub(replacement, line).replace(" + 0]", "]") for line in lines], total
 
 
-def _packed(arrays: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]:
+def _packed(arrays: Sequence[Array], lives: _Lives) -> tuple[dict[int, int], int]:
     """A place for each array, and the size of all.
 
     The largest come first. While gaps remain, those that lie beyond what is needed at any one line come before all
@@ -74,19 +74,19 @@ def _packed(arrays: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]
     return best
 
 
-def _in_order(order: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]:
+def _in_order(order: Sequence[Array], lives: _Lives) -> tuple[dict[int, int], int]:
     """The first place that is free for each array, one after the other, and the size of all."""
     place: dict[int, int] = {}
     total = 0
     for array in order:
         first, last = lives[array.number]
-        taken = sorted(
+        occupied = sorted(
             (place[other.number], place[other.number] + other.size)
             for other in order[: len(place)]
             if lives[other.number][0] <= last and lives[other.number][1] >= first
         )
         at = 0
-        for begin, end in taken:
+        for begin, end in occupied:
             if begin - at >= array.size:
                 break
             at = max(at, end)
@@ -95,7 +95,7 @@ def _in_order(order: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int
     return place, total
 
 
-def _lives(lines: Sequence[str]) -> Lives:
+def _lives(lines: Sequence[str]) -> _Lives:
     """The first and the last line of each array."""
     lives: dict[int, tuple[int, int]] = {}
     loops: list[tuple[int, int]] = []

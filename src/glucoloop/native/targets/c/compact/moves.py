@@ -12,7 +12,6 @@ from glucoloop.native import primitives
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import gather_places, places_of
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
-from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, shape_of
 from glucoloop.native.targets.c.compact.values import (
     Maker,
     Places,
@@ -24,6 +23,7 @@ from glucoloop.native.targets.c.compact.values import (
     places_at,
     regular_places,
 )
+from glucoloop.native.targets.c.compact.writer import Environment, ValueStore, shape_of
 from glucoloop.native.targets.c.numbers import WHOLE
 
 
@@ -31,13 +31,13 @@ class Moves(ValueStore):
     """Writes what moves elements and computes nothing."""
 
     def _moved(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        shapes = [shape_of(given) for given in operation.inputs]
+        shapes = [shape_of(operand) for operand in operation.inputs]
         if len(operation.inputs) > 1:
             return [self._joined(operation, environment, flat)]
-        (given,) = operation.inputs
+        (operand,) = operation.inputs
         used = [v for v in operation.outputs if v in flat.uses]
         if all(math.prod(v.shape) == 1 for v in operation.outputs) and math.prod(shapes[0]) == 1:
-            return [self._scalar(self._read(given, environment))]
+            return [self._scalar(self._read(operand, environment))]
         maps = places_of(operation.equation, shapes)
         results: list[Value] = []
         for output, places in zip(operation.outputs, maps, strict=True):
@@ -45,18 +45,20 @@ class Moves(ValueStore):
                 results.append(Scalar("0", output.kind))
                 continue
             grows = places.size > math.prod(shapes[0])
-            results.append(self._taken(given, places, environment, flat, whole=len(used) == 1 and not grows))
+            results.append(self._elements(operand, places, environment, flat, whole=len(used) == 1 and not grows))
         return results
 
-    def _taken(self, given: Operand, places: Places, environment: Environment, flat: Flat, *, whole: bool) -> Value:
+    def _elements(
+        self, operand: Operand, places: Places, environment: Environment, flat: Flat, *, whole: bool
+    ) -> Value:
         """Elements of an array, by their places."""
-        if math.prod(shape_of(given)) == 1:
-            number = self._w.local(self._scalar(self._stored(given, environment)))
+        if math.prod(shape_of(operand)) == 1:
+            number = self._w.local(self._scalar(self._stored(operand, environment)))
             return number if places.size == 1 else Tree(places.shape, number.kind, "{0}", (number,))
-        value = self._readable(given, environment, flat) if whole else self._stored(given, environment)
+        value = self._readable(operand, environment, flat) if whole else self._stored(operand, environment)
         moved = value.mapped(lambda view: view.moved(places), places.shape)
         if moved is None:
-            view = self._view(given, environment)
+            view = self._view(operand, environment)
             moved = view.moved(places)
             if moved is None:
                 return self._looked_up(view, places)
@@ -77,11 +79,11 @@ class Moves(ValueStore):
 
     def _joined(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
         (output,) = operation.outputs
-        shapes = [shape_of(given) for given in operation.inputs]
+        shapes = [shape_of(operand) for operand in operation.inputs]
         (places,) = places_of(operation.equation, shapes)
         pieces: list[tuple[Value, tuple[int, tuple[int, ...]], tuple[int, ...]]] = []
         begin = 0
-        for given, shape in zip(operation.inputs, shapes, strict=True):
+        for operand, shape in zip(operation.inputs, shapes, strict=True):
             size = math.prod(shape)
             there = np.flatnonzero((begin <= places.ravel()) & (places.ravel() < begin + size))
             begin += size
@@ -89,14 +91,14 @@ class Moves(ValueStore):
                 continue
             if there.size > size == 1:  # a number that is repeated; the others are written over it
                 whole = (0, dense(output.shape))
-                pieces.insert(0, (self._w.local(self._scalar(self._read(given, environment))), whole, output.shape))
+                pieces.insert(0, (self._w.local(self._scalar(self._read(operand, environment))), whole, output.shape))
                 continue
-            goes = np.empty(size, np.int64)
-            goes[places.ravel()[there] - begin + size] = there
-            regular = regular_places(goes.reshape(shape))
+            destinations = np.empty(size, np.int64)
+            destinations[places.ravel()[there] - begin + size] = there
+            regular = regular_places(destinations.reshape(shape))
             if regular is None:
                 raise UnsupportedError(f"the operation {operation.name!r} of such shapes")
-            value = self._readable_or_maker(given, environment, flat)
+            value = self._readable_or_maker(operand, environment, flat)
             pieces.append((value, regular, shape))
 
         def write(to: View) -> None:
@@ -107,8 +109,8 @@ class Moves(ValueStore):
 
     def _dynamic_slice(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         del flat
-        given, *starts = operation.inputs
-        view = self._view(given, environment)
+        operand, *starts = operation.inputs
+        view = self._view(operand, environment)
         sizes = primitives.slice_sizes(operation.equation)
         for start, stride, n, size in zip(starts, view.strides, view.shape, sizes, strict=True):
             text = self._scalar(self._stored(start, environment)).text
@@ -118,14 +120,14 @@ class Moves(ValueStore):
         return [self._scalar(view) if math.prod(sizes) == 1 else view]
 
     def _gather(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        (output,), (given, indices) = operation.outputs, operation.inputs
+        (output,), (operand, indices) = operation.outputs, operation.inputs
         if not isinstance(indices, Variable):
-            places = gather_places(operation.equation, shape_of(given), indices)
-            return [self._taken(given, places, environment, flat, whole=False)]
+            places = gather_places(operation.equation, shape_of(operand), indices)
+            return [self._elements(operand, places, environment, flat, whole=False)]
         axis = primitives.gathered_axis(operation.equation)
         if axis is None:
             raise UnsupportedError("a gather along several axes")
-        view, index = self._view(given, environment), self._view(indices, environment)
+        view, index = self._view(operand, environment), self._view(indices, environment)
         out = primitives.gathered_offsets(operation.equation)
         size = view.shape[axis]
 
@@ -138,14 +140,14 @@ class Moves(ValueStore):
         return [self._each(output, element, (view, index))]
 
     def _scattered(self, operation: Operation, environment: Environment, flat: Flat, *, adds: bool) -> list[Value]:
-        (output,), (given, indices, updates) = operation.outputs, operation.inputs
+        (output,), (target, indices, updates) = operation.outputs, operation.inputs
         if isinstance(indices, Variable):
             raise UnsupportedError("a scatter to places that are not known")
         places = primitives.scatter_places(operation.equation, output.shape, indices, shape_of(updates))
         regular = regular_places(places)
         if regular is None:
             raise UnsupportedError("a scatter to irregular places")
-        operand = self._readable_or_maker(given, environment, flat)
+        operand = self._readable_or_maker(target, environment, flat)
         update = self._readable_or_maker(updates, environment, flat)
         if adds and isinstance(update, Maker):
             update = self._materialised(update)

@@ -9,20 +9,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+import numpy as np
+
 from glucoloop.native import primitives
 from glucoloop.native.flatten import MOVES, REDUCTIONS
-from glucoloop.native.targets.c.compact.arithmetic import ELEMENTWISE
-from glucoloop.native.targets.c.compact.expressions import template
+from glucoloop.native.functions import SMALL_POWERS
+from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets.c.compact.arithmetic import ELEMENTWISE, function_of
 from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Flat, Operation, Variable, flatten
-from glucoloop.native.targets.c.compact.linear import LinearAlgebra
+from glucoloop.native.targets.c.compact.linear import LinearAlgebra, Reductions
 from glucoloop.native.targets.c.compact.loops import Loops
 from glucoloop.native.targets.c.compact.memory import placed
 from glucoloop.native.targets.c.compact.moves import Moves
-from glucoloop.native.targets.c.compact.reductions import Reductions
-from glucoloop.native.targets.c.compact.stored import Environment
 from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, dense
-from glucoloop.native.targets.c.compact.writer import Tables, Writer
-from glucoloop.native.targets.c.numbers import FORMATS
+from glucoloop.native.targets.c.compact.writer import Environment, Tables, Writer
+from glucoloop.native.targets.c.numbers import CALLS, FORMATS, INFIX, REAL, WHOLE
 from glucoloop.native.targets.c.records import Structure
 
 _LONGEST: Final = 160
@@ -33,15 +34,15 @@ _LOCAL: Final = re.compile(r"\bv\d+\b")
 _DEFINED: Final = re.compile(r"const \w+ (v\d+) = ")
 
 
-class Translator(LinearAlgebra, Moves, Reductions, Loops):
+class _Translator(LinearAlgebra, Moves, Reductions, Loops):
     """Writes the C of a flat function."""
 
-    def translate(self, flat: Flat, given: Sequence[View], returned: Sequence[View]) -> None:
+    def translate(self, flat: Flat, arguments: Sequence[View], results: Sequence[View]) -> None:
         """Write the whole function; its results are stored after everything was read."""
-        environment: Environment = dict(zip(flat.inputs, given, strict=True))
+        environment: Environment = dict(zip(flat.inputs, arguments, strict=True))
         values = self._body(flat, environment)
         waiting = []
-        for value, to in zip(values, returned, strict=True):
+        for value, to in zip(values, results, strict=True):
             if math.prod(to.shape) == 0 or value == to:
                 continue
             if isinstance(value, Scalar) or math.prod(to.shape) == 1:
@@ -72,7 +73,7 @@ class Translator(LinearAlgebra, Moves, Reductions, Loops):
     def _elementwise(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
         (output,) = operation.outputs
         text = template(operation, self._w)
-        parts = [self._readable(given, environment, flat) for given in operation.inputs]
+        parts = [self._readable(operand, environment, flat) for operand in operation.inputs]
         if math.prod(output.shape) == 1:
             return self._number(text, [self._scalar(part).text for part in parts], output, flat)
         whole = tuple(
@@ -107,11 +108,11 @@ class Body:
 
 
 def compact(
-    closed: Any, given: Sequence[Structure], returned: Sequence[Structure], precision: str, tables: Tables
+    closed: Any, arguments: Sequence[Structure], results: Sequence[Structure], precision: str, tables: Tables
 ) -> Body:
     """Write a traced function in the compact form, with its arguments and results in records, leaf by leaf."""
     writer = Writer(FORMATS[precision], tables)
-    Translator(writer).translate(flatten(closed, precision), _views(given), _views(returned))
+    _Translator(writer).translate(flatten(closed, precision), _views(arguments), _views(results))
     lines, workspace = placed(_used(writer.lines), writer.arrays)
     return Body(lines=lines, workspace=workspace)
 
@@ -133,3 +134,85 @@ def _views(records: Sequence[Structure]) -> list[View]:
         for record in records
         for f in record.fields
     ]
+
+
+_OF_WHOLE: Final = ("max", "min", "abs", "div", "rem")
+
+
+def template(operation: Operation, writer: Writer) -> str:
+    """The text of an operation on numbers, with places for its arguments."""
+    name, equation = operation.name, operation.equation
+    if name in (INSIDE, CLIP):
+        return f"gl_{name}({_arguments(operation)})"
+    first = equation.invars[0].aval.dtype
+    real = np.issubdtype(first, np.floating)
+    if name in _OF_WHOLE and not real:
+        return f"gl_whole_{name}({_arguments(operation)})"
+    function_name = function_of(name, equation)
+    if function_name is not None:
+        return f"gl_{function_name}({_arguments(operation)})"
+    if name in INFIX:
+        if first == np.bool_ and name in ("lt", "le", "gt", "ge", "add", "mul"):
+            raise UnsupportedError(f"the operation {name!r} of truths")
+        if name in ("and", "or", "xor") and first != np.bool_:
+            raise UnsupportedError("bits of whole numbers")
+        return f"({{0}} {INFIX[name]} {{1}})"
+    if name in CALLS:
+        return f"{CALLS[name]}({_arguments(operation)})"
+    match name:
+        case "neg":
+            return "(-{0})"
+        case "not":
+            return "(!{0})"
+        case "le_to":
+            return "(!gl_below({1}, {0}))"
+        case "clamp":
+            return "gl_min(gl_max({0}, {1}), {2})" if real else "gl_whole_min(gl_whole_max({0}, {1}), {2})"
+        case "integer_pow":
+            return _power(primitives.exponent(equation), writer)
+        case "pow":
+            written = primitives.written_exponent(equation)
+            if written in SMALL_POWERS:
+                return _power(int(written), writer)
+            return "gl_exp({1} * gl_log({0}))"
+        case "select_n":
+            return _choice(operation)
+        case _:
+            return _conversion(equation, writer)
+
+
+def _arguments(operation: Operation) -> str:
+    return ", ".join(f"{{{i}}}" for i in range(len(operation.inputs)))
+
+
+def _power(n: int, writer: Writer) -> str:
+    one = writer.format.constant(1, REAL)
+    if n == 0:
+        return one
+    text = "{0}" if abs(n) == 1 else "gl_square({0})" if abs(n) == 2 else f"gl_power({{0}}, {abs(n)})"
+    return text if n > 0 else f"({one} / {text})"
+
+
+def _choice(operation: Operation) -> str:
+    if operation.equation.invars[0].aval.dtype == np.bool_:
+        return "({0} ? {2} : {1})"
+    last = len(operation.inputs) - 1
+    text = f"{{{last}}}"
+    for i in range(last - 1, 0, -1):
+        text = f"(({{0}} == {i - 1}) ? {{{i}}} : {text})"
+    return text
+
+
+def _conversion(equation: Any, writer: Writer) -> str:
+    source, target = equation.invars[0].aval.dtype, primitives.new_dtype(equation)
+    real_source, real_target = np.issubdtype(source, np.floating), np.issubdtype(target, np.floating)
+    if target == np.bool_:
+        return f"({{0}} != {writer.format.constant(0, REAL if real_source else WHOLE)})"
+    if source == np.bool_:
+        kind = REAL if real_target else WHOLE
+        if kind == WHOLE:  # MISRA C:2012, rule 10.6: a small literal has a narrower type
+            return "({0} ? (int32_t)1 : (int32_t)0)"
+        return f"({{0}} ? {writer.format.constant(1, kind)} : {writer.format.constant(0, kind)})"
+    if real_source and not real_target:
+        return "gl_whole({0})"
+    return f"(({writer.format.type}){{0}})" if real_target else "{0}"
