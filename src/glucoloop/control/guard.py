@@ -11,8 +11,7 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import PROFILE, READINGS, Need
-from glucoloop.control.announcements import eaten_in_min
-from glucoloop.control.decision import is_known
+from glucoloop.control.decision import eaten_in_min, is_known
 from glucoloop.control.design_case import check_rate
 from glucoloop.control.guard_doses import (
     MAX_BOLUS_MU,

@@ -4,7 +4,9 @@ It follows what LoopAlgorithm (https://github.com/LoopKit/LoopAlgorithm, `LoopMa
 `StandardRetrospectiveCorrection` and `DoseMath`, as of 2026) computes for a person with one basal rate, one sensitivity
 and one carbohydrate ratio whose readings and doses lie on the samples of the loop. It differs in this: up to four meals
 are followed at a time, their overlapping absorption is shared by the rates of the model, and after a missing reading
-the forecast begins at the forecast of that reading. It is no product of LoopKit, and not for treating people.
+the forecast begins at the forecast of that reading. The rate of absorption of a meal (`PiecewiseLinearAbsorption`)
+rises for 15 % of the absorption time, stays to 50 %, and falls to 0 at the end. It is no product of LoopKit, and not
+for treating people.
 """
 
 from __future__ import annotations
@@ -17,9 +19,15 @@ from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.component.pytree_component import derived
 from glucoloop.component.setting import About
-from glucoloop.control.announcements import eaten_in_min
-from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
-from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import (
+    announced_carbs,
+    bolus_since,
+    decide,
+    delivered_since,
+    eaten_in_min,
+    is_known,
+    rate_at_start,
+)
 from glucoloop.control.part import CarbRatio, CorrectionFactor, MealShare, OfPerson
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
@@ -388,3 +396,31 @@ class LoopLike(OfPerson, name="loop-like"):
 def _column(values: npt.NDArray[np.float64], like: jax.Array) -> jax.Array:
     """Numbers along a first axis, before those of an array."""
     return jnp.asarray(values).reshape(-1, *(1,) * jnp.ndim(like))
+
+
+_RISES_TO: Final = 0.15
+_FALLS_FROM: Final = 0.5
+_RATE: Final = 2.0 / (1.0 + _FALLS_FROM - _RISES_TO)
+"""Greatest rate, in meals per absorption time, by which all of the meal is absorbed."""
+
+
+def rate_of_absorption(x: jax.Array) -> jax.Array:
+    """Rate, in meals per absorption time, at a part x of the absorption time; 0 outside of it."""
+    falls = (1.0 - x) / (1.0 - _FALLS_FROM)
+    return _RATE * jnp.clip(jnp.minimum(x / _RISES_TO, falls), 0.0, 1.0)
+
+
+def part_absorbed(x: jax.Array) -> jax.Array:
+    """Part of a meal that is absorbed at a part x of the absorption time, the integral of the rate."""
+    rising = jnp.clip(x, 0.0, _RISES_TO)
+    flat = jnp.clip(x, _RISES_TO, _FALLS_FROM) - _RISES_TO
+    falling = jnp.clip(x, _FALLS_FROM, 1.0) - _FALLS_FROM
+    return _RATE * (rising**2 / (2.0 * _RISES_TO) + flat + falling * (1.0 - falling / (2.0 * (1.0 - _FALLS_FROM))))
+
+
+def time_of_part(part: jax.Array) -> jax.Array:
+    """Part of the absorption time at which a part of a meal is absorbed, from 0 to 1: the inverse."""
+    rising = jnp.sqrt(2.0 * _RISES_TO / _RATE * jnp.maximum(part, 0.0))
+    flat = 0.5 * _RISES_TO + part / _RATE
+    falling = 1.0 - jnp.sqrt(2.0 * (1.0 - _FALLS_FROM) / _RATE * jnp.maximum(1.0 - part, 0.0))
+    return jnp.where(rising < _RISES_TO, rising, jnp.where(flat < _FALLS_FROM, flat, falling))

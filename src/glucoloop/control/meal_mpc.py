@@ -17,8 +17,16 @@ from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import ANNOUNCEMENTS, READINGS, TIME_OF_DAY, Need
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.setting import About
-from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
-from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
+from glucoloop.control.decision import (
+    MealsToCome,
+    decide,
+    delivered_since,
+    hear,
+    is_known,
+    is_of_a_person,
+    no_meals_to_come,
+    rate_at_start,
+)
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import or_suited, response_at_rest, suited
 from glucoloop.control.part import SensorLag

@@ -9,8 +9,7 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import Need
-from glucoloop.control.announcements import eaten_in_min
-from glucoloop.control.decision import is_known
+from glucoloop.control.decision import eaten_in_min, is_known
 from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import (
     Controller,

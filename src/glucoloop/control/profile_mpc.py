@@ -17,8 +17,16 @@ from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.component.setting import About
-from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
-from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
+from glucoloop.control.decision import (
+    MealsToCome,
+    decide,
+    delivered_since,
+    hear,
+    is_known,
+    is_of_a_person,
+    no_meals_to_come,
+    rate_at_start,
+)
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.part import ByProfile, SensorLag
 from glucoloop.control.protocol import Decision, Observation

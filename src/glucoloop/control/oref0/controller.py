@@ -14,15 +14,31 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.component.setting import About
-from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
-from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known
+from glucoloop.control.decision import (
+    MealsToCome,
+    announced_carbs,
+    bolus_since,
+    decide,
+    delivered_since,
+    hear,
+    is_known,
+    no_meals_to_come,
+)
 from glucoloop.control.design_case import DesignCase, check_rate
-from glucoloop.control.oref0.cob import DEVIATIONS, MEALS, bucketed, recent_carbs
 from glucoloop.control.oref0.dose import determine_basal
-from glucoloop.control.oref0.glucose import READINGS, glucose_get_last
-from glucoloop.control.oref0.iob import PEAKS_MIN, SAMPLE_MIN, iob_total, treatments
-from glucoloop.control.oref0.records import DosingProfile, TempBasal
-from glucoloop.control.oref0.rounding import whole
+from glucoloop.control.oref0.inputs import (
+    DEVIATIONS,
+    MEALS,
+    PEAKS_MIN,
+    READINGS,
+    SAMPLE_MIN,
+    bucketed,
+    glucose_get_last,
+    iob_total,
+    recent_carbs,
+    treatments,
+)
+from glucoloop.control.oref0.records import DosingProfile, TempBasal, whole
 from glucoloop.control.part import ByProfile, CarbRatio, CorrectionFactor
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits

@@ -15,7 +15,7 @@ two the line is blocked or the pump has stopped, whatever it reports. They are e
 without a recent event, so that the state then has no insulin on board that never came.
 Within a hypothesis a steady Kalman gain corrects the state, a disturbance, and a correlated error of the sensor. Its
 size is one of a few levels, and each reading judges each hypothesis with each level together, since a meal that begins
-and an error that grows explain the same readings; see `estimation.noise_sizes`. The disturbance is glucose that appears
+and an error that grows explain the same readings; see `estimation.noise_level`. The disturbance is glucose that appears
 for no known reason; it takes up what the model gets wrong, within a bound.
 
 With the events of the horizon enumerated and the merged state as what is known before it, this is moving-horizon
@@ -43,8 +43,16 @@ from typing import Annotated, ClassVar, Final, TypeAlias
 from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.component.setting import About
-from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
-from glucoloop.estimation.noise_sizes import Innovations, drifting, innovations_of, mean_size
+from glucoloop.estimation.noise_level import (
+    LEVELS_MG_DL,
+    Innovations,
+    NoisyFilters,
+    drifting,
+    innovations_of,
+    mean_size,
+    noisy_filters,
+    shares,
+)
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
