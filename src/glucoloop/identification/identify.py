@@ -225,6 +225,7 @@ def identify_record(
         pole=pole,
         sample_time_min=record.sample_time_min,
         starts_at_rest=starts_at_rest,
+        by_pulses=method == "csrs",
     )
     quality = dataclasses.replace(quality, gain_margin=max(quality.gain_margin, slower))
 

@@ -119,6 +119,7 @@ def margin_of_slower_functions(
     pole: float,
     sample_time_min: float,
     starts_at_rest: bool,
+    by_pulses: bool = False,
 ) -> float:
     """Margin of a gain that reaches what slower functions say, where the record lets them stand; else 0.
 
@@ -129,7 +130,8 @@ def margin_of_slower_functions(
     A function beside those of the fit that is twice as slow always stands; a slower one does where its coefficient
     differs from 0. Slower functions in place of those of the fit stand where they predict left-out readings as well,
     within one standard error, and where the first function of the fit has no coefficient beside them that differs
-    from 0.
+    from 0. The pulses of an experiment (`by_pulses`) are few, and determine slower functions badly by least squares:
+    those of which the gain does not differ from 0 say nothing then.
     """
     errors = held_out_errors(columns, readings)[0]
     student, length_min = _student(errors.size), insulin_deviation.size * sample_time_min
@@ -159,7 +161,8 @@ def margin_of_slower_functions(
                 alternatives.append((in_place, np.concatenate([np.full(number, share), nothing, of_others])))
         for regressors, of_regressors in alternatives:
             slower, error = _estimate(regressors, readings, of_regressors)
-            margin = max(margin, abs(slower - gain) + student * error)
+            if not by_pulses or student * error < abs(slower):
+                margin = max(margin, abs(slower - gain) + student * error)
     return margin
 
 
