@@ -133,7 +133,7 @@ def run(**options: Any) -> CommandResult:
     Returns
     -------
     CommandResult
-        With the trace in ``traces`` and the metrics in ``results``.
+        Results with the trace in ``traces`` and the metrics in ``results``.
 
     Raises
     ------

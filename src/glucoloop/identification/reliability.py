@@ -130,8 +130,9 @@ def margin_of_slower_functions(
     A function beside those of the fit that is twice as slow always stands; a slower one does where its coefficient
     differs from 0. Slower functions in place of those of the fit stand where they predict left-out readings as well,
     within one standard error, and where the first function of the fit has no coefficient beside them that differs
-    from 0. The pulses of an experiment (`by_pulses`) are few, and determine slower functions badly by least squares:
-    those of which the gain does not differ from 0 say nothing then.
+    from 0. The pulses of an experiment (`by_pulses`) are made for the response, and determine slower functions badly
+    by least squares: of these only those count whose gain differs from 0 and that predict left-out readings better, by
+    one standard error.
     """
     errors = held_out_errors(columns, readings)[0]
     student, length_min = _student(errors.size), insulin_deviation.size * sample_time_min
@@ -161,9 +162,15 @@ def margin_of_slower_functions(
                 alternatives.append((in_place, np.concatenate([np.full(number, share), nothing, of_others])))
         for regressors, of_regressors in alternatives:
             slower, error = _estimate(regressors, readings, of_regressors)
-            if not by_pulses or student * error < abs(slower):
+            gains = errors - held_out_errors(regressors, readings)[0]
+            if not by_pulses or (student * error < abs(slower) and _predicts_better(gains)):
                 margin = max(margin, abs(slower - gain) + student * error)
     return margin
+
+
+def _predicts_better(gains: Floats) -> bool:
+    """Whether errors on left-out blocks are smaller by more than one standard error."""
+    return bool(gains.mean() > gains.std(ddof=1) / math.sqrt(gains.size))
 
 
 def _first_differs_from_0(columns: Floats, readings: Floats, student: float) -> bool:
