@@ -26,8 +26,8 @@ def hazards(file: SafetyFile) -> str:
         for hazard in file.of_cause(cause):
             measures = ", ".join(f"[{name}](requirements.md#{name})" for name in hazard.measures) or "none"
             lines = [f"**{hazard.what}** ({DELIVERY[hazard.delivery]})", "", f"- Measures: {measures}."]
-            lines += [f"- Measured: {', '.join(map(link, hazard.shown))}."] if hazard.shown else []
-            parts.append("\n".join([*lines, f"- Left: {hazard.left}"]))
+            lines += [f"- Measured: {', '.join(map(link, hazard.evidence))}."] if hazard.evidence else []
+            parts.append("\n".join([*lines, f"- Left: {hazard.residual_risk}"]))
     return "\n\n".join(parts) + "\n"
 
 
@@ -43,7 +43,7 @@ def requirements(file: SafetyFile) -> str:
             lines = [f"### {one.name}", "", one.text, "", f"- Against: {against}."]
             lines += [f"- Test: `{test}`" for test in one.tests]
             lines += [f"- Check of an export: {CHECKS[check]}." for check in one.checks]
-            lines += [f"- Measured: {', '.join(map(link, one.shown))}."] if one.shown else []
+            lines += [f"- Measured: {', '.join(map(link, one.evidence))}."] if one.evidence else []
             lines += [f"- Again: `{one.command}`"] if one.command else []
             parts.append("\n".join(lines))
     return "\n\n".join(parts) + "\n"
@@ -66,14 +66,14 @@ def problems(file: SafetyFile, root: Path = ROOT) -> Iterator[str]:
         yield from _unknown(place, "cause", [hazard.cause], CAUSES)
         yield from _unknown(place, "delivery", [hazard.delivery], DELIVERY)
         yield from _unknown(place, "measure", hazard.measures, file.requirements)
-        yield from _no_files(place, hazard.shown, root)
-        if not hazard.left:
+        yield from _no_files(place, hazard.evidence, root)
+        if not hazard.residual_risk:
             yield f"{place} does not say what is left"
     for requirement in file.requirements.values():
         place = f"the requirement {requirement.name}"
         yield from _unknown(place, "place", [requirement.of], WHERE)
         yield from _unknown(place, "check", requirement.checks, CHECKS)
-        yield from _no_files(place, requirement.shown, root)
+        yield from _no_files(place, requirement.evidence, root)
         yield from (f"{place} names {test}, which is no test" for test in requirement.tests if not _is_test(test, root))
         if requirement.command and not _is_command(requirement.command, root):
             yield f"{place} names {requirement.command!r}, which is no command"

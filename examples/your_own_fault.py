@@ -1,7 +1,6 @@
 """A fault of your own: a sensor that gives its readings in coarse steps while the fault is present.
 
-python examples/your_own_fault.py
-glucoloop run --fault 'your_own_fault:Coarse, step_mg_dl=20, start_min=60'
+Try it with ``glucoloop run --fault 'your_own_fault:Coarse, step_mg_dl=20, start_min=60'``.
 """
 
 import dataclasses

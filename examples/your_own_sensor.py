@@ -1,7 +1,6 @@
 """A sensor of your own: glucose reaches it late, as subcutaneous glucose does, and it gives whole steps.
 
-python examples/your_own_sensor.py
-glucoloop run --sensor 'your_own_sensor:LateSteps, lag_min=12' --noise 1.45
+Try it with ``glucoloop run --sensor 'your_own_sensor:LateSteps, lag_min=12' --noise 1.45``.
 """
 
 from typing import Annotated

@@ -38,8 +38,8 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
         (("--controller", "no_such_module:X"), "no_such_module cannot be imported: ModuleNotFoundError"),
         (("--controller", "your_own_controller:NO"), "your_own_controller has no NO; name what it defines"),
         (
-            ("--controller", "your_own_controller:ProportionalIntegral"),
-            "your_own_controller:ProportionalIntegral is no controller: make it a class of ControllerPart",
+            ("--controller", "your_own_controller:Observation"),
+            "your_own_controller:Observation is no controller: make it a class of ControllerPart",
         ),
         (("--controller", f"{NAME}, integral_h=9"), "has no setting 'integral_h'; did you mean 'integral_min'?"),
         (

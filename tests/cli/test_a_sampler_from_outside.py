@@ -4,7 +4,7 @@ import pytest
 
 from glucoloop.situations.situation import configured
 from glucoloop.studies.robust import Search
-from glucoloop.tuning.settings import SAMPLERS
+from glucoloop.tuning.samplers import SAMPLERS
 
 NAME = "your_own_sampler:Sobol"
 

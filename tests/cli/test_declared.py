@@ -85,7 +85,7 @@ class Squares(types.ModuleType):
     def amount(self, asked):
         return asked.steps
 
-    def found(self, asked, progress):
+    def results_of(self, asked, progress):
         rows = []
         for row in self.search(asked).missing([]):
             rows.append(row)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control import design_loop_like, design_oref0
+from glucoloop.control import LoopLike, design_oref0
 from glucoloop.control.announcements import MEALS, hear, no_meals_to_come
 from glucoloop.control.guard import guarded
 from glucoloop.control.pace import paced
@@ -130,7 +130,7 @@ def test_the_wire_carries_the_time():
 
 @pytest.mark.long
 def test_loop_like_forecasts_a_meal_to_come_as_one_that_begins_later():
-    controller = design_loop_like(PROFILE)
+    controller = LoopLike().of_person(PROFILE)
     rises = []
     for in_min in (0.0, 30.0):
         seen = told(60.0, in_min)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.control import Observation, Status, design_loop_like
+from glucoloop.control import LoopLike, Observation, Status
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
 from glucoloop.pumps import dose_limits
 from glucoloop.therapy import INSULINS, Profile, action_per_min, insulin_left
@@ -20,8 +20,8 @@ from other_programs import answer_of
 TARGET, BASAL, EVERY, RATIO, SENSITIVITY = 110.0, 1000.0 / 60.0, 5.0, 10.0, 50.0
 WIDE = dose_limits(max_change_mU_min=1e4, max_mU_min=1e4)
 PROFILE = Profile(basal_mU_min=BASAL, setpoint_mg_dl=TARGET, carb_ratio_g_U=RATIO, correction_mg_dl_U=SENSITIVITY)
-AUTOMATIC = design_loop_like(PROFILE, WIDE)
-TEMPORARY = design_loop_like(PROFILE, WIDE, dosing="temporary-basal")
+AUTOMATIC = LoopLike().of_person(PROFILE, WIDE)
+TEMPORARY = LoopLike(dosing="temporary-basal").of_person(PROFILE, WIDE)
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
 observed = jax.jit(lambda controller, state, observation: controller.observed(state, observation))
 forecast = jax.jit(lambda controller, state: controller.forecast(state))
@@ -301,13 +301,8 @@ def test_doses_are_those_of_the_rules():
     assert len(kinds) >= 4
 
 
-LOOPKIT = design_loop_like(
-    Profile(basal_mU_min=BASAL, setpoint_mg_dl=105.0, carb_ratio_g_U=10.0, correction_mg_dl_U=55.0),
-    WIDE,
-    dosing="temporary-basal",
-    suspend_mg_dl=65.0,
-    max_basal=8.0,
-    max_bolus_U=6.0,
+LOOPKIT = LoopLike(dosing="temporary-basal", suspend_mg_dl=65.0, max_basal=8.0, max_bolus_U=6.0).of_person(
+    Profile(basal_mU_min=BASAL, setpoint_mg_dl=105.0, carb_ratio_g_U=10.0, correction_mg_dl_U=55.0), WIDE
 )
 """The settings of LoopAlgorithm's own tests, `AlgorithmInputFixture.mock`."""
 
@@ -344,7 +339,7 @@ def test_a_meal_gets_the_bolus_that_corrects_its_forecast():
         _, decision = step(controller, state, observe(carbs=40.0))
         assert float(decision.bolus_mU) == pytest.approx(4000.0, rel=0.01)
         assert float(decision.insulin_mU_min) <= BASAL + 1e-9
-    _, decision = step(design_loop_like(PROFILE, WIDE, meal_bolus=0.0), state, observe(carbs=40.0))
+    _, decision = step(LoopLike(meal_bolus=0.0).of_person(PROFILE, WIDE), state, observe(carbs=40.0))
     assert float(decision.bolus_mU) == 0.0
 
 
@@ -412,18 +407,28 @@ def test_whatever_is_told_doses_are_possible_and_the_memory_is_sound(numbers, va
 
 def test_settings_that_are_given_stay_with_a_profile():
     own = dataclasses.replace(PROFILE, carb_ratio_g_U=5.0, correction_mg_dl_U=20.0)
-    both = design_loop_like(PROFILE, WIDE, carb_ratio_g_U=8.0, correction_mg_dl_U=30.0).with_profile(own)
-    assert (float(both.carb_ratio_g_U), float(both.correction_mg_dl_U)) == (8.0, 30.0)
+    both = LoopLike(carb_ratio_g_U=8.0, correction_mg_dl_U=30.0).of_person(PROFILE, WIDE).with_profile(own)
+    assert (float(both.carbs_per_U), float(both.fall_per_U)) == (8.0, 30.0)
     assert float(AUTOMATIC.with_profile(own).settled()["carb_ratio_g_U"]) == 5.0
 
 
 @pytest.mark.parametrize(
     ("given", "told"),
-    [({"carb_ratio_g_U": 0.0}, "carb ratio of 0 g/U"), ({"suspend_mg_dl": -1.0}, "suspend threshold of -1"),
-     ({"max_basal": 0.5}, "largest rate in basal rates of 0.5"), ({"insulin": "regular"}, "no insulin 'regular'"),
-     ({"dosing": "all"}, "no way of dosing 'all'"), ({"absorption_min": math.inf}, "absorption time of inf"),
-     ({"range_mg_dl": math.nan}, "correction range of nan"), ({"sample_time_min": 20.0}, "sample time of 20 min")],
+    [({"carb_ratio_g_U": -1.0}, "carb_ratio_g_U is -1"), ({"suspend_mg_dl": -1.0}, "suspend_mg_dl is -1"),
+     ({"max_basal": 0.5}, "max_basal is 0.5"), ({"insulin": "regular"}, "insulin is 'regular'"),
+     ({"dosing": "all"}, "dosing is 'all'"), ({"absorption_min": math.inf}, "absorption_min is inf"),
+     ({"range_mg_dl": math.nan}, "range_mg_dl is nan")],
 )  # fmt: skip
 def test_impossible_settings_are_refused_with_a_sentence(given, told):
     with pytest.raises(ValueError, match=told):
-        design_loop_like(PROFILE, WIDE, **given)
+        LoopLike(**given).of_person(PROFILE, WIDE)
+
+
+def test_a_sample_time_in_which_no_reading_counts_is_refused():
+    with pytest.raises(ValueError, match="sample time of 20 min"):
+        LoopLike().of_person(PROFILE, WIDE, sample_time_min=20.0)
+
+
+def test_without_a_person_there_is_no_controller():
+    with pytest.raises(ValueError, match="loop-like doses by the profile of a person; give it one"):
+        LoopLike().init(observe())

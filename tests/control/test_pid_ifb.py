@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.control import Observation, design_pid_ifb
+from glucoloop.control import PIDIFB, Observation
 from glucoloop.control.pid_ifb import FEEDBACK, insulin_lags
 from glucoloop.pumps import dose_limits
 from glucoloop.therapy import Profile
@@ -18,7 +18,7 @@ from glucoloop.therapy import Profile
 TARGET, BASAL, EVERY = 110.0, 15.0, 5.0
 WIDE = dose_limits(max_change_mU_min=1e5, max_mU_min=1e6)
 PROFILE = Profile(basal_mU_min=BASAL, setpoint_mg_dl=TARGET, total_daily_dose_U=45.0, carb_ratio_g_U=10.0)
-CONTROLLER = design_pid_ifb(PROFILE, WIDE)
+CONTROLLER = PIDIFB().of_person(PROFILE, WIDE)
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
 ANY = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1e300]))
 
@@ -74,7 +74,7 @@ def test_it_is_the_formula(readings):
 
 def test_at_rest_the_feedback_changes_nothing():
     for feedback in (0.0, 1.0, 2.0):
-        rates, _ = follow(design_pid_ifb(PROFILE, WIDE, feedback=feedback), np.full(30, TARGET))
+        rates, _ = follow(PIDIFB(feedback=feedback).of_person(PROFILE, WIDE), np.full(30, TARGET))
         np.testing.assert_allclose(rates, BASAL, rtol=1e-12)
 
 
@@ -83,7 +83,7 @@ def test_insulin_of_a_meal_bolus_lowers_the_rate_after_it_by_what_is_still_to_ac
     rates, boluses = follow(CONTROLLER, readings, carbs={2: 50.0})
     assert np.flatnonzero(boluses).tolist() == [2]
     assert boluses[2] == pytest.approx(5000.0)
-    without, none = follow(design_pid_ifb(PROFILE, WIDE, meal_bolus=0.0), readings, carbs={2: 50.0})
+    without, none = follow(PIDIFB(meal_bolus=0.0).of_person(PROFILE, WIDE), readings, carbs={2: 50.0})
     assert not none.any()
     np.testing.assert_array_equal(rates[:3], without[:3])
     assert np.all(rates[3:30] < without[3:30])
@@ -92,9 +92,9 @@ def test_insulin_of_a_meal_bolus_lowers_the_rate_after_it_by_what_is_still_to_ac
 def test_gain_and_ratio_follow_the_profile_and_a_given_ratio_stays():
     twice = CONTROLLER.with_profile(dataclasses.replace(PROFILE, total_daily_dose_U=90.0, carb_ratio_g_U=5.0))
     assert float(twice.proportional()) == pytest.approx(2.0 * float(CONTROLLER.proportional()))
-    assert float(twice.carb_ratio_g_U) == 5.0
-    given_ratio = design_pid_ifb(PROFILE, WIDE, carb_ratio_g_U=8.0).with_profile(PROFILE)
-    assert float(given_ratio.carb_ratio_g_U) == 8.0
+    assert float(twice.carbs_per_U) == 5.0
+    given_ratio = PIDIFB(carb_ratio_g_U=8.0).of_person(PROFILE, WIDE).with_profile(PROFILE)
+    assert float(given_ratio.carbs_per_U) == 8.0
     people = CONTROLLER.with_basal(jnp.asarray([7.0, 14.0]))
     np.testing.assert_allclose(people.daily_dose_U, [20.16, 40.32])
 
@@ -103,7 +103,7 @@ def test_gain_and_ratio_follow_the_profile_and_a_given_ratio_stays():
 @given(numbers=st.tuples(ANY, ANY, ANY, ANY, ANY), valid=st.booleans())
 def test_whatever_is_told_doses_are_possible_and_the_memory_is_sound(numbers, valid):
     glucose, carbs, bolus, delivered, setpoint = numbers
-    controller = design_pid_ifb(PROFILE)
+    controller = PIDIFB().of_person(PROFILE)
     told = observe(glucose, carbs=carbs, bolus=bolus, delivered=delivered, setpoint=setpoint, valid=valid)
     state = controller.init(observe())
     for _ in range(2):
@@ -116,10 +116,10 @@ def test_whatever_is_told_doses_are_possible_and_the_memory_is_sound(numbers, va
 
 @pytest.mark.parametrize(
     ("given", "told"),
-    [({"gain": 0.0}, "gain of 0 is"), ({"integral_time_min": math.inf}, "integral time of inf min"),
-     ({"derivative_time_min": -1.0}, "derivative time of -1 min"), ({"carb_ratio_g_U": 0.0}, "carb ratio of 0 g/U"),
-     ({"feedback": -1.0}, "feedback of -1"), ({"meal_bolus": math.nan}, "share of the meal bolus of nan")],
+    [({"gain": 0.0}, "gain is 0; give a finite number"), ({"integral_time_min": math.inf}, "integral_time_min is inf"),
+     ({"derivative_time_min": -1.0}, "derivative_time_min is -1"), ({"carb_ratio_g_U": -1.0}, "carb_ratio_g_U is -1"),
+     ({"feedback": -1.0}, "feedback is -1"), ({"meal_bolus": math.nan}, "meal_bolus is nan")],
 )  # fmt: skip
 def test_impossible_settings_are_refused_with_a_sentence(given, told):
     with pytest.raises(ValueError, match=told):
-        design_pid_ifb(PROFILE, **given)
+        PIDIFB(**given).of_person(PROFILE)

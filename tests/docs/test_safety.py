@@ -29,7 +29,7 @@ def test_whatever_is_named_exists(script, file):
         ("requirements", "stuck-readings", {"tests": ("tests/control/none.py::test_it",)}, "is no test"),
         ("requirements", "stuck-readings", {"tests": ("docs/safety.py::hazards",)}, "is no test"),
         ("requirements", "stuck-readings", {"tests": ()}, "has no test"),
-        ("requirements", "stuck-readings", {"shown": ("docs/guide/none.md",)}, "is no file"),
+        ("requirements", "stuck-readings", {"evidence": ("docs/guide/none.md",)}, "is no file"),
         ("requirements", "stuck-readings", {"checks": ("proof",)}, "has the check 'proof'"),
         ("requirements", "stuck-readings", {"command": "glucoloop guess"}, "is no command"),
         ("requirements", "stuck-readings", {"command": "glucoloop verify --nonsence 1"}, "is no command"),
@@ -39,7 +39,7 @@ def test_whatever_is_named_exists(script, file):
         ("hazards", "stuck", {"delivery": "late"}, "has the delivery 'late'"),
         ("hazards", "stuck", {"measures": ("hope",)}, "has the measure 'hope'"),
         ("hazards", "reports-nonsense", {"measures": ()}, "requirement possible-inputs is a measure against no hazard"),
-        ("hazards", "stuck", {"left": ""}, "does not say what is left"),
+        ("hazards", "stuck", {"residual_risk": ""}, "does not say what is left"),
     ],
 )
 def test_what_does_not_exist_is_told(script, file, kind, name, changed, told):
@@ -58,7 +58,7 @@ def test_tables_hold_every_hazard_and_requirement(script, file):
     hazards, requirements = script.hazards(file), script.requirements(file)
     for hazard in file.hazards.values():
         assert hazard.what in hazards
-        assert hazard.left in hazards
+        assert hazard.residual_risk in hazards
     assert re.findall(r"^### (.*)$", requirements, re.M) == list(file.requirements)
     for requirement in file.requirements.values():
         assert all(f"- Test: `{test}`" in requirements for test in requirement.tests)

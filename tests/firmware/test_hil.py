@@ -16,10 +16,10 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.protocol import Status
 from glucoloop.firmware.chips import CHIPS
 from glucoloop.firmware.hil.build import HOST
-from glucoloop.firmware.hil.exchange import Exchange, Patience
+from glucoloop.firmware.hil.exchange import Exchange, _Patience
 from glucoloop.firmware.hil.faults import Disturbances
 from glucoloop.firmware.hil.link import SerialLink
-from glucoloop.firmware.hil.loop import Fallback, Pace
+from glucoloop.firmware.hil.loop import Pace, _Fallback
 from glucoloop.firmware.hil.protocol import WATCHDOG_MS, Decoder, Frame, Plan, Type, record_bytes
 from glucoloop.firmware.samples import leaves_of
 from glucoloop.native.targets.c.host import compiler
@@ -143,11 +143,11 @@ def test_a_suspending_pump_gives_nothing_without_an_answer(on_chip, tmp_path):
 
 
 def test_the_fallback_rate():
-    pump = Fallback("basal", 22.3)
+    pump = _Fallback("basal", 22.3)
     assert pump.rate_mU_min(40.0, 0.0) == 22.3
     assert pump.rate_mU_min(0.0, 25.0) == 0.0
     assert pump.rate_mU_min(0.0, 30.0) == 22.3
-    assert Fallback("suspend", 22.3).rate_mU_min(40.0, 0.0) == 0.0
+    assert _Fallback("suspend", 22.3).rate_mU_min(40.0, 0.0) == 0.0
 
 
 def _asked(on_chip, link, seen, within_s=5.0):
@@ -296,7 +296,7 @@ def test_a_damaged_frame_is_answered_by_a_greeting(on_chip, tmp_path):
 
 
 def test_a_frame_is_sent_again_after_the_usual_time_of_an_answer():
-    patience = Patience()
+    patience = _Patience()
     assert patience.wait_s == 0.02
     patience.repeated()
     assert patience.wait_s == 0.04

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from glucoloop.firmware.checks import firmware_proved, misra_of
-from glucoloop.firmware.hil.build import HOST, WARNINGS, files, portable_files
-from glucoloop.firmware.hil.protocol import LONGEST_FRAME, LONGEST_PAYLOAD, Decoder, Frame, Type
+from glucoloop.firmware.checks import _misra_of, firmware_proved
+from glucoloop.firmware.hil.build import _WARNINGS, HOST, files, portable_files
+from glucoloop.firmware.hil.protocol import _MAX_FRAME_BYTES, _MAX_PAYLOAD_BYTES, Decoder, Frame, Type
 from glucoloop.native.targets.c.host import compiler
 
 WORDS = st.integers(0, 2**32 - 1)
-FRAMES = st.builds(Frame, st.integers(0, 255), WORDS, WORDS, st.binary(max_size=LONGEST_PAYLOAD))
+FRAMES = st.builds(Frame, st.integers(0, 255), WORDS, WORDS, st.binary(max_size=_MAX_PAYLOAD_BYTES))
 NOISE = st.binary(max_size=80) | st.lists(st.sampled_from([b"G", b"GL", b"GL\x01", b"\x00"])).map(b"".join)
 
 
@@ -28,7 +28,7 @@ def in_c(tmp_path_factory, on_chip):
     folder = tmp_path_factory.mktemp("frames")
     for name, text in files(on_chip.exported, HOST).items():
         (folder / name).write_text(text)
-    command = [compiler(), *WARNINGS, "-Werror", "-shared", "-fPIC", "-o", "frame.so", "frame.c"]
+    command = [compiler(), *_WARNINGS, "-Werror", "-shared", "-fPIC", "-o", "frame.so", "frame.c"]
     subprocess.run(command, cwd=folder, check=True)
     code = ctypes.CDLL(str(folder / "frame.so"))
     code.hil_next.restype = ctypes.c_bool
@@ -41,7 +41,7 @@ class _Frame(ctypes.Structure):
         ("sample", ctypes.c_uint32),
         ("length", ctypes.c_uint16),
         ("type", ctypes.c_uint8),
-        ("payload", ctypes.c_uint8 * LONGEST_PAYLOAD),
+        ("payload", ctypes.c_uint8 * _MAX_PAYLOAD_BYTES),
     ]
 
 
@@ -49,7 +49,7 @@ class _Decoder(ctypes.Structure):
     _fields_ = [
         ("size", ctypes.c_uint32),
         ("refused", ctypes.c_uint32),
-        ("held", ctypes.c_uint8 * LONGEST_FRAME),
+        ("held", ctypes.c_uint8 * _MAX_FRAME_BYTES),
     ]
 
 
@@ -59,7 +59,7 @@ def decoded_in_c(code, data):
         code.hil_push(ctypes.byref(decoder), ctypes.c_uint8(byte))
         while code.hil_next(ctypes.byref(decoder), ctypes.byref(frame)):
             found.append(Frame(frame.type, frame.session, frame.sample, bytes(frame.payload[: frame.length])))
-        assert decoder.size < LONGEST_FRAME
+        assert decoder.size < _MAX_FRAME_BYTES
     return found, decoder.refused
 
 
@@ -79,8 +79,8 @@ def test_the_layout_is_the_documented_one():
 
 @given(FRAMES)
 def test_c_writes_the_same_bytes(in_c, frame):
-    payload = (ctypes.c_uint8 * LONGEST_PAYLOAD)(*frame.payload)
-    room = (ctypes.c_uint8 * LONGEST_FRAME)()
+    payload = (ctypes.c_uint8 * _MAX_PAYLOAD_BYTES)(*frame.payload)
+    room = (ctypes.c_uint8 * _MAX_FRAME_BYTES)()
     held = _Frame(frame.session, frame.sample, len(frame.payload), frame.type, payload)
     size = in_c.hil_encode(ctypes.byref(held), room)
     assert bytes(room[:size]) == frame.encoded()
@@ -109,7 +109,7 @@ def test_one_damaged_byte_is_refused_and_the_next_frame_arrives(in_c, frame, dat
     damaged[at] ^= data.draw(st.integers(1, 255))
     # As much as a damaged length can ask for may have to come before the damage shows.
     after = dataclasses.replace(frame, type=Type.ASK, payload=b"")
-    sent = bytes(damaged) + after.encoded() * (1 + LONGEST_FRAME // len(after.encoded()))
+    sent = bytes(damaged) + after.encoded() * (1 + _MAX_FRAME_BYTES // len(after.encoded()))
     for found, _ in (decoded(sent), decoded_in_c(in_c, sent)):
         assert found
         assert set(found) == {after}
@@ -125,7 +125,7 @@ def test_every_damaged_byte_of_a_frame_is_refused(frame):
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck (Debian: apt install cppcheck)")
 def test_no_required_rule_of_misra_is_broken_by_the_files_for_every_board(on_chip):
-    check = misra_of(portable_files(on_chip.exported), "hil.c", "frame.c", "store.c")
+    check = _misra_of(portable_files(on_chip.exported), "hil.c", "frame.c", "store.c")
     assert check.holds, check.finding
     assert check.measured["advisory"]  # the add-on did run
 

@@ -57,7 +57,7 @@ def test_every_hazard_that_concerns_it_says_what_is_left(giving_boluses):
     text = safety_report(giving_boluses, "PID", RUNGS, guarded=False)
     for hazard in SafetyFile.read().hazards.values():
         assert f"**{hazard.what}**" in text
-        assert f"- Left: {hazard.left}" in text
+        assert f"- Left: {hazard.residual_risk}" in text
 
 
 def test_checks_have_the_outcome_of_the_folder(exported):

@@ -10,7 +10,7 @@ import pytest
 from glucoloop.build.designs import controller_of
 from glucoloop.control.protocol import Observation
 from glucoloop.firmware.exported import export
-from glucoloop.firmware.samples import arithmetic, joined, leaves_of, record, spread
+from glucoloop.firmware.samples import _spread, arithmetic, joined, leaves_of, record
 from glucoloop.pumps import bolus_limits
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
@@ -29,8 +29,8 @@ def runs(on_chip):
 
 
 def test_samples_are_spread_from_the_first_to_the_last():
-    assert spread(5, 10) == [0, 2, 5, 8, 10]
-    assert spread(100, 3) == [0, 1, 2, 3]
+    assert _spread(5, 10) == [0, 2, 5, 8, 10]
+    assert _spread(100, 3) == [0, 1, 2, 3]
 
 
 @pytest.mark.long

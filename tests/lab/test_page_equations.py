@@ -11,7 +11,7 @@ from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.lab import build
-from glucoloop.lab.build import parts
+from glucoloop.lab.build import _functions
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import GRID
 from glucoloop.native.interpreter import Interpreter
@@ -44,10 +44,10 @@ def page(tmp_path_factory):
         pytest.skip("needs wasm-ld (Debian: apt install lld)")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(EXAMPLES))
-        of_page, data = parts(FAMILY), numbers(FAMILY)
+        of_page, data = _functions(FAMILY), numbers(FAMILY)
         folder = tmp_path_factory.mktemp("built")
-        (folder / "lab.wasm").write_bytes(build.module(of_page))
-        (folder / "lab.json").write_text(json.dumps({"functions": build.functions(of_page), **data}))
+        (folder / "lab.wasm").write_bytes(build._module(of_page))
+        (folder / "lab.json").write_text(json.dumps({"functions": build._layout(of_page), **data}))
         yield folder, of_page, data
 
 

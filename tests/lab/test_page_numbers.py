@@ -20,12 +20,12 @@ from glucoloop.build.surroundings import Surroundings, sensor_of
 from glucoloop.control.guard import Guard
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build
-from glucoloop.lab.build import parts
-from glucoloop.lab.controllers import adjustable, example_controller
-from glucoloop.lab.lowered_function import starting
+from glucoloop.lab.build import _functions
+from glucoloop.lab.controllers import _example_controller, adjustable
+from glucoloop.lab.lowered_function import start_function
 from glucoloop.lab.pack import MODULE
 from glucoloop.lab.page_data import numbers
-from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN, STEPS, adjusted, example_person
+from glucoloop.lab.patient_functions import _STEPS, SAMPLE_TIME_MIN, _adjusted, _example_person
 from glucoloop.metrics import summarise
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import Realisation, StepResponseModel
@@ -56,7 +56,7 @@ class Definition:
         self.family, self.adjustable, self.data = family, adjustable(name, family, guard=guard), data
         self.loops = loops
         self.people = [self.person(*loop) for loop in loops]
-        example = {**self.people[0], **example_person(family)}
+        example = {**self.people[0], **_example_person(family)}
         x, zero = jnp.asarray(self.of(loops[0][0])["x"]), jnp.zeros(())
         key = jax.random.key(0)
 
@@ -76,8 +76,8 @@ class Definition:
             )
 
         rest = {"x": x, "insulin_mU_min": zero}
-        self.start = starting(start, example, rest).lowered
-        state, moments = jax.eval_shape(lambda: start(example, rest, key)), jnp.zeros((STEPS, 3))
+        self.start = start_function(start, example, rest).lowered
+        state, moments = jax.eval_shape(lambda: start(example, rest, key)), jnp.zeros((_STEPS, 3))
         rng = (key, jnp.zeros((), int))
         self.step = lower(step, example, state, moments, (), rng, as_written=True)
 
@@ -98,9 +98,9 @@ class Definition:
         }
 
     def loop(self, person):
-        patient, matrices = adjusted(self.family, person)
-        steps = matrices.dense.shape[1] // STEPS
-        dense = matrices.dense.reshape(STEPS, steps, *matrices.dense.shape[2:])
+        patient, matrices = _adjusted(self.family, person)
+        steps = matrices.dense.shape[1] // _STEPS
+        dense = matrices.dense.reshape(_STEPS, steps, *matrices.dense.shape[2:])
         return Loop(
             plant=ExponentialPlant(
                 patient=patient,
@@ -157,7 +157,7 @@ def answers(corpus, in_node):
 @pytest.fixture(scope="session")
 def of_page():
     """The functions of the page, lowered now."""
-    return parts()
+    return _functions()
 
 
 @pytest.fixture(scope="session")
@@ -231,13 +231,13 @@ def test_the_bits_do_not_depend_on_how_a_sample_is_divided(which, groups, answer
 
 @pytest.mark.long
 def test_the_package_data_are_those_that_would_be_built_now(data, of_page):
-    assert data["functions"] == build.functions(of_page), SENTENCE
-    if None in (_linker_path(), _clang_path()) or build.tools() != data["tools"]:
+    assert data["functions"] == build._layout(of_page), SENTENCE
+    if None in (_linker_path(), _clang_path()) or build._tools() != data["tools"]:
         pytest.skip(f"the module was built with {data['tools']}, which are not here")
-    found, expected = build.module(of_page), MODULE.read_bytes()
+    found, expected = build._module(of_page), MODULE.read_bytes()
     assert len(found) == len(expected), SENTENCE
     # The tables of functions with loops follow from designs, whose last digits differ between processors.
-    table = np.ravel(example_controller("profile-mpc", "hovorka-2004").forecast.step.first)
+    table = np.ravel(_example_controller("profile-mpc", "hovorka-2004").forecast.step.first)
     assert share_of_last_digits(found, expected, place_of(table, expected)) > 0.95, SENTENCE
 
 

@@ -11,8 +11,9 @@ import pytest
 from glucoloop.native.interpreter import interpret
 from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets.llvm.emit import _fused_products
 from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.targets.products import FUSED, STRICT, fused_products
+from glucoloop.native.targets.products import FUSED, STRICT
 
 PEOPLE = 13
 
@@ -80,7 +81,7 @@ def test_strict_code_is_the_operations_to_the_bit(lowered, groups):
 
 def test_fused_code_differs_from_it_by_rounding_alone(lowered, groups):
     program, layout = lowered.program, lowered.layout
-    assert fused_products(program, program.needed(layout.results), layout.results)
+    assert _fused_products(program, program.needed(layout.results), layout.results)
     eps = float(np.finfo(lowered.precision).eps)
     differs = False
     for found, expected in zip(by_llvm(lowered, groups, FUSED), interpret(lowered, **groups), strict=True):

@@ -287,7 +287,7 @@ def test_triangular_solve(left, lower, transposed, unit):
         )
 
     found = primitives.triangular(equations(solve, jnp.eye(3), jnp.eye(3))["triangular_solve"])
-    assert found == primitives.Triangular(left=left, lower=lower, transposed=transposed, unit_diagonal=unit)
+    assert found == primitives._Triangular(left=left, lower=lower, transposed=transposed, unit_diagonal=unit)
 
 
 def test_solver_of_linear_equations():

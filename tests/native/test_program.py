@@ -14,7 +14,7 @@ from glucoloop.native.interpreter import interpret
 from glucoloop.native.lower import Layout, lower
 from glucoloop.native.program import BOOL, CONSTANT, FLOAT, PERSON, SAMPLE, Program
 from glucoloop.native.targets.llvm.chunks import plan_chunks
-from glucoloop.native.targets.products import fused_products
+from glucoloop.native.targets.llvm.emit import _fused_products
 
 ARITHMETIC = {
     "add": operator.add,
@@ -297,7 +297,7 @@ def test_chunks_of_any_size_come_to_the_same(steps, size, data):
     results = [place for place, _ in wanted]
     layout = Layout(person=[], carry=[], own=[], shared=[], next_carry=results[:1], outputs=results[1:])
     order = program.needed(results)
-    taken = fused_products(program, order, results)
+    taken = _fused_products(program, order, results)
     values = [
         v for v in order if program.levels[v] == SAMPLE and program.operations[v][0] != "input" and v not in taken
     ]
@@ -312,4 +312,4 @@ def test_a_product_is_fused_with_the_only_sum_that_takes_it():
     alone, both, wanted = p.apply("mul", x, y), p.apply("mul", y, z), p.apply("mul", x, z)
     first, second, third = p.apply("add", alone, z), p.apply("sub", both, x), p.apply("add", both, wanted)
     results = [first, second, third, wanted]
-    assert fused_products(p, p.needed(results), results) == {alone: first}
+    assert _fused_products(p, p.needed(results), results) == {alone: first}

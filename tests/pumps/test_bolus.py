@@ -13,9 +13,9 @@ from glucoloop.arguments import ArgumentTypeError
 from glucoloop.faults import Battery, MissedPulses, Occlusion, Unheard, always, once
 from glucoloop.pumps import (
     Delivery,
+    Expiring,
     LimitedPump,
     bolus_limits,
-    expiring,
     with_resolution,
 )
 from glucoloop.pumps.protocol import deliver, gives_bolus
@@ -82,7 +82,7 @@ def test_a_bolus_leaves_the_basal_rate_as_it_is(doses):
 
 
 def test_without_a_bolus_a_delivery_has_none():
-    pump = Battery(schedule=once(1, 1), inner=Occlusion(schedule=always(), inner=with_resolution(0.5, expiring())))
+    pump = Battery(schedule=once(1, 1), inner=Occlusion(schedule=always(), inner=with_resolution(0.5, Expiring())))
     _, delivery = pump.deliver(pump.init(jnp.asarray(20.0), KEY), jnp.asarray(20.0), KEY)
     assert delivery.bolus_mU is None
     assert delivery.reported_bolus_mU is None
@@ -115,7 +115,7 @@ def test_a_pump_without_power_gives_no_bolus_and_says_nothing():
 
 
 def test_a_bolus_that_is_not_heard_is_not_given_and_none_is_given_twice():
-    told = given_by(Unheard(schedule=once(3, 2), inner=expiring(4)), [0.0, 0.0, 700.0, 800.0, 900.0, 0.0, 0.0, 100.0])
+    told = given_by(Unheard(schedule=once(3, 2), inner=Expiring(4)), [0.0, 0.0, 700.0, 800.0, 900.0, 0.0, 0.0, 100.0])
     np.testing.assert_array_equal(told.bolus_mU, [0.0, 0.0, 700.0, 0.0, 0.0, 0.0, 0.0, 100.0])
     np.testing.assert_array_equal(told.reported_bolus_mU, told.bolus_mU)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.pumps import LimitedPump, dose_limits, infusion_set
+from glucoloop.pumps import InfusionSet, LimitedPump, dose_limits
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
@@ -28,7 +28,7 @@ def delivered(pump, samples, rate=20.0, bolus=1000.0, people=()):
 
 
 def test_the_loss_grows_evenly_after_the_sound_days_and_ends_with_the_change():
-    pump = infusion_set(1440.0, 720.0, 30.0, 0.0, FREE)
+    pump = InfusionSet(1440.0, 720.0, 30.0, 0.0, inner=FREE)
     found = delivered(pump, 2 * 288 + 3)
     age = np.arange(2 * 288 + 3) % 288
     share = 1.0 - 0.3 * np.maximum(age - 144, 0) / 144
@@ -39,13 +39,13 @@ def test_the_loss_grows_evenly_after_the_sound_days_and_ends_with_the_change():
 
 
 def test_without_a_loss_it_is_the_inner_pump():
-    with_set, without = delivered(infusion_set(loss_pct=0.0, inner=FREE), 50), delivered(FREE, 50)
+    with_set, without = delivered(InfusionSet(loss_pct=0.0, inner=FREE), 50), delivered(FREE, 50)
     np.testing.assert_array_equal(with_set.insulin_mU_min, without.insulin_mU_min)
     np.testing.assert_array_equal(with_set.bolus_mU, without.bolus_mU)
 
 
 def test_people_begin_on_any_day_of_the_wear():
-    pump = infusion_set(1440.0, 0.0, 100.0, None, FREE)
+    pump = InfusionSet(1440.0, 0.0, 100.0, None, inner=FREE)
     first = np.asarray(delivered(pump, 1, people=(4000,)).insulin_mU_min)[0] / 20.0
     np.testing.assert_allclose(np.quantile(first, [0.1, 0.5, 0.9]), [0.1, 0.5, 0.9], atol=0.03)
 
@@ -60,8 +60,8 @@ def test_people_begin_on_any_day_of_the_wear():
     st.sampled_from([0.5, 1.0, 5.0, 15.0]),
 )
 def test_no_more_than_the_command_and_no_less_than_the_loss_arrives(wear, sound, loss, worn, sample_time_min):
-    pump = infusion_set(
-        wear, sound * wear, loss, None if worn is None else worn * wear, FREE, sample_time_min=sample_time_min
+    pump = InfusionSet(
+        wear, sound * wear, loss, None if worn is None else worn * wear, inner=FREE, sample_time_min=sample_time_min
     )
     share = np.asarray(delivered(pump, 60).insulin_mU_min) / 20.0
     assert share.max() <= 1.0 + 1e-12

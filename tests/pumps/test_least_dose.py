@@ -66,9 +66,9 @@ def test_a_small_rate_is_delivered_on_the_mean():
 
 
 def test_a_least_dose_counts_in_whole_steps():
-    assert with_resolution(0.2, least_mU_min=0.5).least_mU_min == pytest.approx(0.6)
-    assert with_resolution(0.1, least_mU_min=0.3).least_mU_min == pytest.approx(0.3)
-    assert with_resolution(0.1).least_mU_min == 0.0
+    assert with_resolution(0.2, least_mU_min=0.5).minimum_mU_min == pytest.approx(0.6)
+    assert with_resolution(0.1, least_mU_min=0.3).minimum_mU_min == pytest.approx(0.3)
+    assert with_resolution(0.1).minimum_mU_min == 0.0
 
 
 def test_the_limits_of_the_pump_inside_are_kept_unless_others_are_given():

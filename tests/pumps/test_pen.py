@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.pumps import LimitedPump, bolus_limits, dose_limits, pen
+from glucoloop.pumps import LimitedPump, Pen, bolus_limits, dose_limits
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
@@ -42,7 +42,7 @@ def delivered(pump, rates, bolus=0.0, start=None):
     at=st.floats(0.0, 1439.0),
 )
 def test_a_day_releases_what_is_injected_in_a_day(insulin, injections, rate, at):
-    pump = pen(insulin, injections, at, 0.5, 0.3, FREE)
+    pump = Pen(insulin, injections, at, 0.5, 0.3, inner=FREE)
     found = delivered(pump, np.full(4 * DAY, rate))
     daily = injections * 500.0 * math.floor(rate * 1440.0 / injections / 500.0 + 0.5)
     of_days = 5.0 * np.asarray(found.insulin_mU_min).reshape(4, DAY).sum(axis=1)
@@ -52,7 +52,7 @@ def test_a_day_releases_what_is_injected_in_a_day(insulin, injections, rate, at)
 
 def test_one_dose_is_released_by_the_curve():
     """After days without basal insulin one is injected; nothing is left of any other."""
-    pump = pen("detemir", 1, 0.0, 0.5, 0.25, FREE)
+    pump = Pen("detemir", 1, 0.0, 0.5, 0.25, inner=FREE)
     rates = np.r_[np.full(DAY, 10.0), np.zeros(2 * DAY)]
     found = np.asarray(delivered(pump, rates, start=0.0).insulin_mU_min)
     since = 5.0 * np.arange(2 * DAY + 1)
@@ -63,7 +63,7 @@ def test_one_dose_is_released_by_the_curve():
 
 
 def test_a_dose_is_what_was_asked_for_since_the_last_one():
-    pump = pen("degludec", 2, 360.0, 0.5, 0.25, FREE)
+    pump = Pen("degludec", 2, 360.0, 0.5, 0.25, inner=FREE)
     rates = np.r_[np.full(72, 20.0), np.full(144, 10.0), np.full(72, 30.0)]
     reported = np.asarray(delivered(pump, rates).reported_mU_min) * 720.0
     assert reported[0] == reported[71] == pytest.approx(14_500.0)  # 20 mU/min for 12 h are 14.4 U
@@ -72,10 +72,10 @@ def test_a_dose_is_what_was_asked_for_since_the_last_one():
 
 
 def test_boluses_are_injected_in_half_units_and_nothing_is_lost_of_the_basal_insulin():
-    found = delivered(pen(inner=FREE), np.full(10, 15.0), bolus=3370.0)
+    found = delivered(Pen(inner=FREE), np.full(10, 15.0), bolus=3370.0)
     np.testing.assert_array_equal(found.bolus_mU, 3000.0)
     np.testing.assert_array_equal(found.reported_bolus_mU, 3000.0)
-    without = delivered(pen(inner=FREE), np.full(10, 15.0))
+    without = delivered(Pen(inner=FREE), np.full(10, 15.0))
     np.testing.assert_array_equal(found.insulin_mU_min, without.insulin_mU_min)
 
 
@@ -83,7 +83,7 @@ def test_boluses_are_injected_in_half_units_and_nothing_is_lost_of_the_basal_ins
 @given(commands=st.lists(st.floats(), min_size=4, max_size=4), bolus=st.floats())
 @settings(max_examples=20, deadline=None)
 def test_whatever_is_asked_for_it_delivers_a_possible_amount(commands, bolus):
-    pump = pen(at_min=0.0, inner=FREE)
+    pump = Pen(at_min=0.0, inner=FREE)
     found = delivered(pump, np.array(commands), bolus=bolus, start=10.0)
     for values in dataclasses.astuple(found):
         assert np.all(np.isfinite(values))
@@ -93,9 +93,9 @@ def test_whatever_is_asked_for_it_delivers_a_possible_amount(commands, bolus):
 def test_settings_beyond_their_bounds_are_refused():
     for wrong in ({"insulin": "nph"}, {"injections": 0}, {"dose_step_U": 0.0}, {"at_min": 1440.0}):
         with pytest.raises(Refusal):
-            pen(**wrong)
+            Pen(**wrong)
     with pytest.raises(Refusal, match="sample time of 0 min"):
-        pen(sample_time_min=0.0)
+        Pen(sample_time_min=0.0)
 
 
 def test_a_situation_with_pens_has_half_units():

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.pages.script import PAGES
-from glucoloop.report.moments import moment_text, period_text, periods_text
+from glucoloop.report.periods import moment_text, period_text, periods_text
 
 NODE = shutil.which("node")
 

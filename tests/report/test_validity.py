@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from glucoloop.metrics import summarise
 from glucoloop.report import interactive_page, plot
-from glucoloop.report.validity import periods_below, validity, validity_note
+from glucoloop.report.periods import periods_below, validity, validity_note
 
 HIGH, LOW = 80.0, 30.0
 

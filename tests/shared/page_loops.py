@@ -10,8 +10,8 @@ import numpy as np
 
 from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Observation
-from glucoloop.lab.build import GUARDED
-from glucoloop.lab.device_functions import _Passed, fault_parts, part_name
+from glucoloop.lab.build import _GUARDED
+from glucoloop.lab.device_functions import _around, _fault_functions, _fault_name, _Passed
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.situations.run import Run
@@ -148,15 +148,15 @@ class Loops:
 
     def __init__(self, parts, data, situations, answers, around, faults):
         # The page has one function for all late readings, glucoloop one for each delay and choice.
-        apart = (fault_parts(fault) for fault in faults if fault.name in ("late", "out-of-order"))
+        apart = (_fault_functions(fault) for fault in faults if fault.name in ("late", "out-of-order"))
         self.parts = {**parts, **{name: part for of in apart for name, part in of.items()}}
         self.situations, parts = situations, self.parts
         keys = [jax.random.split(random_key(of["seed"])) for of in situations]
-        self.starting, self.keys = [key[0] for key in keys], [key[1] for key in keys]
+        self.start_function, self.keys = [key[0] for key in keys], [key[1] for key in keys]
         patients = [data["patients"][situation["patient"]] for situation in situations]
         family, first = patients[0]["family"], situations[0]
         program = data["families"][family]["controllers"][first["controller"]]["program"]
-        self.controller = program + (GUARDED if first["guard"] else "")
+        self.controller = program + (_GUARDED if first["guard"] else "")
         self.family = family.replace("-", "_")
         self.samples = round(first["duration_min"] / SAMPLE_TIME_MIN)
         self.late = round(first["dead_time_min"] / SAMPLE_TIME_MIN)
@@ -174,11 +174,11 @@ class Loops:
         sensors = [of.sensor for of in around]
         self.faults = []
         for fault in reversed([fault for fault in faults if fault.part == "sensor"]):
-            alone = [dataclasses.replace(of, inner=_Passed(valid=jnp.asarray(True))) for of in sensors]
-            self.faults.insert(0, (part_name(fault), side_by_side(map(numbers_of, alone))))
+            alone = [_around(of, _Passed(valid=jnp.asarray(True))) for of in sensors]
+            self.faults.insert(0, (_fault_name(fault), side_by_side(map(numbers_of, alone))))
             sensors = [of.inner for of in sensors]
         of_pump = [fault for fault in faults if fault.part == "pump"]
-        self.pump = part_name(of_pump[0]) if of_pump else "pump"
+        self.pump = _fault_name(of_pump[0]) if of_pump else "pump"
         self.of_pump = side_by_side(numbers_of(of.pump) for of in around)
         self.x = side_by_side(of["x"] for of in patients)
         self.glucose = np.array([of["glucose_mg_dl"] for of in patients])
@@ -200,7 +200,7 @@ class Loops:
                 for of in of_people
             ]
             people = side_by_side(rows_of(part.names["person"], of) for of in numbers)
-            begun = side_by_side(drawn_of(self.parts[f"{name}_start"], key) for key in self.starting)
+            begun = side_by_side(drawn_of(self.parts[f"{name}_start"], key) for key in self.start_function)
             by_jax = begun, self.draws(part, self.keys)
             drawn = []
             for expected, place in zip(by_jax, ("start", "samples"), strict=True):

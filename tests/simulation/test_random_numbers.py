@@ -10,8 +10,8 @@ from glucoloop.faults import FAULTS
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.products import FUSED
 from glucoloop.native.words import lower_drawing
+from glucoloop.pumps import PUMPS
 from glucoloop.pumps.protocol import deliver
-from glucoloop.pumps.settings import PUMPS
 from glucoloop.sensors import SENSORS
 from glucoloop.simulation.draws import draws
 from glucoloop.situations.situation import Situation, configured

@@ -73,7 +73,7 @@ def test_larger_errors_are_never_found_to_do_less():
     known = large.points_of(SPACE, small.best)
     np.testing.assert_allclose(large.errors(known[None]), SPACE.errors(small.best[None]), rtol=1e-14)
     np.testing.assert_array_equal(large.stuck_from(known[None]), SPACE.stuck_from(small.best[None]))
-    first, *_ = searched = list(generations(toy, large, effort, known=known))
+    first, *_ = searched = list(generations(toy, large, effort, start_point=known))
     assert first.score[0] == pytest.approx(small.best_score)
     assert searched[-1].best_score >= small.best_score
     again = list(generations(toy, large, effort, [one.score for one in searched[:7]], known))

@@ -72,7 +72,7 @@ def test_plans_stand_over_each_other(plans):
 
 
 def test_plans_for_two_worlds_end_where_they_are_followed_to(plans, hedged):
-    above, below = _plot_bound(study._Bounds(plans, hedged).drawn).axes
+    above, below = _plot_bound(study._Bounds(plans, hedged).curves).axes
     for of in hedged.values():
         assert any(np.array_equal(line.get_ydata(), of.meal.glucose_mg_dl) for line in above.lines)
         [line] = [line for line in below.lines if np.array_equal(line.get_ydata()[:-1], of.meal.insulin_mU_min)]
@@ -82,8 +82,8 @@ def test_plans_for_two_worlds_end_where_they_are_followed_to(plans, hedged):
 
 @pytest.mark.parametrize("noise", [False, True])
 def test_nothing_is_clipped(plans, hedged, noise):
-    drawn = study._Bounds(plans, hedged if noise else {}).drawn
-    figure = _plot_bound(drawn, [Meal(50.0, 20.0)], title="Bound $x$")
+    curves = study._Bounds(plans, hedged if noise else {}).curves
+    figure = _plot_bound(curves, [Meal(50.0, 20.0)], title="Bound $x$")
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert drawn.x0 >= 0.0

@@ -10,8 +10,7 @@ import pytest
 from glucoloop.component.ranges import Tuned, parse_range
 from glucoloop.studies.robust import BOTH, RANGES
 from glucoloop.studies.robust.search import NO_SCORES, _Bound, _choose, _judged, _pareto, objective, scores
-from glucoloop.tuning.samplers import Evaluated
-from glucoloop.tuning.settings import SAMPLERS
+from glucoloop.tuning.samplers import SAMPLERS, Evaluated
 
 
 def test_ranges_are_read_as_they_are_written():

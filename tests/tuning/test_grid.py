@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.control import MPCTuning, StateTuning
-from glucoloop.tuning.designers import TUNABLE, usual_filters
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
+from glucoloop.tuning.search import TUNABLE, usual_filters
 
 
 @given(first=st.integers(0, 50), length=st.integers(0, 50), step=st.integers(1, 9))

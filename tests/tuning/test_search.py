@@ -25,9 +25,18 @@ from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
-from glucoloop.tuning.designers import designer, usual_filters
 from glucoloop.tuning.grid import tuning_grid
-from glucoloop.tuning.search import _block, _padded, move_slots, paper_tuning_surface, printed_tuning, search, stack
+from glucoloop.tuning.search import (
+    _block,
+    _padded,
+    designer,
+    move_slots,
+    paper_tuning_surface,
+    printed_tuning,
+    search,
+    stack,
+    usual_filters,
+)
 from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 PAPER = PARKER_1999["setpoint-81", False]
@@ -250,5 +259,5 @@ def test_reference_filters_of_a_grid_are_those_of_the_entry_or_the_usual_one(mon
     assert usual_filters("mpc", {"move_horizon": 2}) is None
     assert usual_filters("mpc-se", {"reference_filter": 0.65}) == ".3:.8:.05"
     entry = type("Outside", (controller_entry("mpc-se"),), {"reference_filters": None})
-    monkeypatch.setattr("glucoloop.tuning.designers.controller_entry", {"outside": entry}.__getitem__)
+    monkeypatch.setattr("glucoloop.tuning.search.controller_entry", {"outside": entry}.__getitem__)
     assert usual_filters("outside", {"reference_filter": 0.65}) == "0.65"

@@ -148,14 +148,14 @@ def least_risk_doses(
     check_known_after(known_after_min)
     fasting = trajectory_of(patient, scenario, sample_time_min, [()])
     samples, rest_mU_min = fasting.samples, fasting.resting_mU_min or 1.0
-    known = _known(stages(scenario, fasting, known_after_min), fasting.grid)
-    run = trajectory_of(patient, scenario, sample_time_min, [*known.values(), scenario.meals])
+    plans = _known_meals(stages(scenario, fasting, known_after_min), fasting.grid)
+    run = trajectory_of(patient, scenario, sample_time_min, [*plans.values(), scenario.meals])
     planned = min(samples, math.ceil(_PLANNED_MIN / sample_time_min))
     start = None if start_mU_min is None else _start(start_mU_min, samples)
     doses = np.concatenate([np.ones(samples) if start is None else start / rest_mU_min, np.ones(planned)])
     state, steps = jnp.asarray(run.state), 0
     glucose = [np.asarray(run.plant.patient.glucose_mg_dl(state))]
-    for member, (first, then) in enumerate(zip(known, [*known, samples][1:], strict=True)):
+    for member, (first, then) in enumerate(zip(plans, [*plans, samples][1:], strict=True)):
         now = slice(first, first + planned)
         ahead = _Ahead(
             plant=run.plant,
@@ -165,15 +165,15 @@ def least_risk_doses(
             rest_mU_min=rest_mU_min,
         )
         doses[now], number = _least(ahead, doses[now], min(planned, samples - first))
-        truly = replace(ahead, exogenous=_during(run.exogenous(len(known)), now))
+        truly = replace(ahead, exogenous=_during(run.exogenous(len(plans)), now))
         states, inside = _followed(truly, doses[now])
         glucose.append(np.asarray(inside)[: then - first].ravel())
         state, steps = states[then - first - 1], steps + number
     result, insulin = np.concatenate(glucose), rest_mU_min * doses[:samples]
     if start is not None:
-        given = run.of_members(len(known)).glucose_mg_dl(start[:, None])[:, 0]
-        if _index(given) < _index(result):
-            result, insulin = given, start
+        start_mg_dl = run.of_members(len(plans)).glucose_mg_dl(start[:, None])[:, 0]
+        if _index(start_mg_dl) < _index(result):
+            result, insulin = start_mg_dl, start
     return LeastRiskDoses(
         t_min=fasting.grid.t_min,
         insulin_mU_min=insulin,
@@ -195,14 +195,14 @@ def _start(start_mU_min: ArrayLike, samples: int) -> Values:
     return start
 
 
-def _known(announcements: list[tuple[tuple[Meal, ...], int]], grid: SampleGrid) -> dict[int, tuple[Meal, ...]]:
+def _known_meals(announcements: list[tuple[tuple[Meal, ...], int]], grid: SampleGrid) -> dict[int, tuple[Meal, ...]]:
     """Meals that are known to each plan, by the first of its samples."""
     news = {0: (), **{first: meals for meals, first in announcements if first < grid.samples}}
     longest = math.ceil(_PLAN_MIN / grid.sample_time_min)
-    known: dict[int, tuple[Meal, ...]] = {}
+    plans: dict[int, tuple[Meal, ...]] = {}
     for first, then in zip(news, [*news, grid.samples][1:], strict=True):
-        known |= dict.fromkeys(range(first, then, longest), news[first])
-    return known
+        plans |= dict.fromkeys(range(first, then, longest), news[first])
+    return plans
 
 
 def _during(exogenous: Exogenous, now: slice) -> Exogenous:

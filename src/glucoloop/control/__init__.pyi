@@ -9,7 +9,6 @@ from .imc import design_imc as design_imc
 from .linear_mpc import LinearMPC as LinearMPC
 from .linear_mpc import design_linear_mpc as design_linear_mpc
 from .loop_like import LoopLike as LoopLike
-from .loop_like import design_loop_like as design_loop_like
 from .meal_mpc import MealMPC as MealMPC
 from .meal_mpc import MealTuning as MealTuning
 from .meal_mpc import design_meal_mpc as design_meal_mpc
@@ -29,7 +28,6 @@ from .pid import PIDTuning as PIDTuning
 from .pid import design_pid as design_pid
 from .pid import internal_model_tuning as internal_model_tuning
 from .pid_ifb import PIDIFB as PIDIFB
-from .pid_ifb import design_pid_ifb as design_pid_ifb
 from .protocol import Controller as Controller
 from .protocol import Decision as Decision
 from .protocol import Observation as Observation

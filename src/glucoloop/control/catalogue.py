@@ -8,15 +8,15 @@ from glucoloop.component.catalogue import Catalogue
 from glucoloop.control.basal_bolus import BasalBolusSettings
 from glucoloop.control.imc import IMCSettings
 from glucoloop.control.linear_mpc import LinearMPCSettings
-from glucoloop.control.loop_like import LoopLikeSettings
+from glucoloop.control.loop_like import LoopLike
 from glucoloop.control.meal_mpc import MealMPCSettings
 from glucoloop.control.mpc_se import MPCSESettings
 from glucoloop.control.nlqdmc_se import NLQDMCSettings
-from glucoloop.control.open_loop import BasalSettings
+from glucoloop.control.open_loop import OpenLoop
 from glucoloop.control.oref0.controller import Oref0Settings
 from glucoloop.control.part import ControllerPart
 from glucoloop.control.pid import PIDSettings
-from glucoloop.control.pid_ifb import PIDIFBSettings
+from glucoloop.control.pid_ifb import PIDIFB
 from glucoloop.control.profile_mpc import ProfileMPCSettings
 
 CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
@@ -30,10 +30,10 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
         IMCSettings,
         PIDSettings,
         BasalBolusSettings,
-        BasalSettings,
+        OpenLoop,
         Oref0Settings,
-        PIDIFBSettings,
-        LoopLikeSettings,
+        PIDIFB,
+        LoopLike,
     ),
     example="mpc-se, move_horizon=2",
     unnamed=True,

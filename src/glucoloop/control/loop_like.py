@@ -11,18 +11,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
 from glucoloop._lazy_jax import jax, jnp, np, npt
-from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked
-from glucoloop.component.effects import DOSES_BY_PROFILE, Need
+from glucoloop._pytree import pytree
+from glucoloop.component.pytree_component import derived
 from glucoloop.component.setting import About
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
 from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.design_case import DesignCase, check_number, check_rate, check_sample_time
-from glucoloop.control.part import ByProfile, CarbRatio, CorrectionFactor, MealShare
+from glucoloop.control.part import CarbRatio, CorrectionFactor, MealShare, OfPerson
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
@@ -56,54 +54,6 @@ _MAX_MG_DL: Final = 1000.0
 """Largest glucose; no sensor reads more."""
 _SLACK: Final = 1.01
 """LoopKit's factor on the grouping time, by which both ends of it count."""
-
-
-class LoopLikeSettings(ByProfile, name="loop-like"):
-    """Forecast and doses after LoopKit's: insulin, meals, unexplained changes, and the slope of readings."""
-
-    sources = ("loopalgorithm",)
-
-    dosing: Annotated[
-        Literal["automatic-bolus", "temporary-basal"],
-        About("Way of correcting: 40 % of the dose as a bolus at each sample, or a rate that gives it in 30 min."),
-    ] = "automatic-bolus"
-    insulin: Annotated[
-        Literal["rapid-adult", "rapid-child", "fiasp", "lyumjev"], About("Insulin whose course of action is assumed.")
-    ] = "rapid-adult"
-    carb_ratio_g_U: CarbRatio = 0.0
-    correction_mg_dl_U: CorrectionFactor = 0.0
-    range_mg_dl: Annotated[
-        float, About("Width of the correction range around the setpoint, in mg/dl.", at_least=0.0, at_most=200.0)
-    ] = 10.0
-    suspend_mg_dl: Annotated[
-        float,
-        About("Forecast glucose below which no insulin is given, in mg/dl.", above=0.0, quantity=GLUCOSE_BOUND),
-    ] = 75.0
-    absorption_min: Annotated[
-        float, About("Absorption time of meals, in minutes.", above=0.0, quantity=ACTION_TIME)
-    ] = 180.0
-    max_basal: Annotated[float, About("Largest temporary rate, in basal rates.", at_least=1.0, at_most=20.0)] = 4.0
-    max_bolus_U: Annotated[float, About("Largest bolus, in U; twice it is the most on board.", above=0.0)] = 10.0
-    meal_bolus: MealShare = 1.0
-
-    def designed(self, case: DesignCase) -> LoopLike:
-        """Controller after LoopKit's of the catalogue, for a person's profile."""
-        return design_loop_like(
-            case.profile,
-            case.limits,
-            dosing=self.dosing,
-            insulin=self.insulin,
-            carb_ratio_g_U=self.carb_ratio_g_U or None,
-            correction_mg_dl_U=self.correction_mg_dl_U or None,
-            range_mg_dl=self.range_mg_dl,
-            suspend_mg_dl=self.suspend_mg_dl,
-            absorption_min=self.absorption_min,
-            max_basal=self.max_basal,
-            max_bolus_U=self.max_bolus_U,
-            meal_bolus=self.meal_bolus,
-            bolus=case.bolus,
-            sample_time_min=case.sample_time_min,
-        )
 
 
 @pytree
@@ -182,48 +132,96 @@ class LoopLikeState:
     """Bolus that was asked for at the last sample, used if the pump reports nothing."""
 
 
-@pytree
-class LoopLike:
-    """Controller after LoopKit's; see `design_loop_like`."""
+class LoopLike(OfPerson, name="loop-like"):
+    """Forecast and doses after LoopKit's: insulin, meals, unexplained changes, and the slope of readings.
 
-    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
+    The forecast of glucose is the reading and the sum of the effects of insulin that is still to act, of meals that are
+    still absorbed, of the changes of the last 30 min that these do not explain, which fade within an hour, and of the
+    slope of the last 15 min, which fades into the other effects in as long. The dose is the least by which no forecast
+    is above its target, where eventual glucose is above the range; the target goes from the suspend threshold to the
+    setpoint in the second half of the action of insulin. Forecast glucose below the threshold suspends insulin.
 
-    basal_mU_min: jax.Array | float
-    carb_ratio_g_U: jax.Array | float
-    correction_mg_dl_U: jax.Array | float
-    half_range_mg_dl: jax.Array | float
-    suspend_mg_dl: jax.Array | float
-    absorption_min: jax.Array | float
-    max_basal: jax.Array | float
-    max_bolus_U: jax.Array | float
-    meal_bolus: jax.Array | float
-    limits: DoseLimits
-    bolus: BolusLimits
-    insulin: str = static()
-    automatic_bolus: bool = static()
-    own_ratio: bool = static()
-    """Whether the carbohydrate ratio is that of a profile, and follows it."""
-    own_correction: bool = static()
-    sample_time_min: float = static()
-    gives_boluses: ClassVar[bool] = True
+    ====================  ====================================================================  ====================
+    dose                  value                                                                 ``dosing``
+    ====================  ====================================================================  ====================
+    temporary basal rate  basal + dose in 30 min, up to ``max_basal`` basal rates               ``temporary-basal``
+    automatic bolus       40 % of the dose; the rate is at most the basal rate                  ``automatic-bolus``
+    bolus of a meal       the dose at its announcement, up to ``max_bolus_U``                   both
+    ====================  ====================================================================  ====================
 
-    def with_profile(self, profile: Profile) -> LoopLike:
-        """The same controller for a person with the given profile; settings that were given stay as they are."""
-        return dataclasses.replace(
-            self,
-            basal_mU_min=jnp.asarray(profile.basal_mU_min),
-            carb_ratio_g_U=profile.carb_ratio() if self.own_ratio else self.carb_ratio_g_U,
-            correction_mg_dl_U=profile.correction_factor() if self.own_correction else self.correction_mg_dl_U,
-        )
+    Insulin on board is kept within twice the largest bolus. After 15 min without a reading the basal rate is given, and
+    the bolus of a meal is that of the carbohydrate ratio.
 
-    def with_basal(self, insulin_mU_min: jax.Array) -> LoopLike:
-        """The same controller for a person of whom the basal rate alone is known."""
-        return self.with_profile(Profile(basal_mU_min=insulin_mU_min, setpoint_mg_dl=jnp.nan))
+    Examples
+    --------
+    >>> controller = LoopLike().of_person(Profile(basal_mU_min=15.0, setpoint_mg_dl=110.0, total_daily_dose_U=45.0))
+    >>> round(float(controller.fall_per_U)), controller.horizon
+    (40, 74)
+    """
+
+    sources = ("loopalgorithm",)
+
+    dosing: Annotated[
+        Literal["automatic-bolus", "temporary-basal"],
+        About("Way of correcting: 40 % of the dose as a bolus at each sample, or a rate that gives it in 30 min."),
+    ] = "automatic-bolus"
+    insulin: Annotated[
+        Literal["rapid-adult", "rapid-child", "fiasp", "lyumjev"], About("Insulin whose course of action is assumed.")
+    ] = "rapid-adult"
+    carb_ratio_g_U: CarbRatio = 0.0
+    correction_mg_dl_U: CorrectionFactor = 0.0
+    range_mg_dl: Annotated[
+        float, About("Width of the correction range around the setpoint, in mg/dl.", at_least=0.0, at_most=200.0)
+    ] = 10.0
+    suspend_mg_dl: Annotated[
+        float,
+        About("Forecast glucose below which no insulin is given, in mg/dl.", above=0.0, quantity=GLUCOSE_BOUND),
+    ] = 75.0
+    absorption_min: Annotated[
+        float, About("Absorption time of meals, in minutes.", above=0.0, quantity=ACTION_TIME)
+    ] = 180.0
+    max_basal: Annotated[float, About("Largest temporary rate, in basal rates.", at_least=1.0, at_most=20.0)] = 4.0
+    max_bolus_U: Annotated[float, About("Largest bolus, in U; twice it is the most on board.", above=0.0)] = 10.0
+    meal_bolus: MealShare = 1.0
+
+    @derived
+    def carbs_per_U(self) -> Any:
+        """Carbohydrate that 1 U covers [g/U], as it was given or by the profile."""
+        return self.carb_ratio_g_U or self._person.carb_ratio()
+
+    @derived
+    def fall_per_U(self) -> Any:
+        """Fall of glucose by 1 U [mg/dl/U], as it was given or by the profile."""
+        return self.correction_mg_dl_U or self._person.correction_factor()
+
+    @derived
+    def half_range_mg_dl(self) -> float:
+        """Half the width of the correction range."""
+        return self.range_mg_dl / 2.0
+
+    def of_person(
+        self,
+        profile: Profile,
+        limits: DoseLimits = PARKER_1999_LIMITS,
+        *,
+        bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
+        sample_time_min: float = 5.0,
+    ) -> Self:
+        """The controller for a person and a pump; a sample time after which a reading no longer counts is refused."""
+        if sample_time_min > RECENT_MIN:
+            raise Refusal(
+                f"a sample time of {sample_time_min:g} min is not possible here, where a reading counts for "
+                f"{RECENT_MIN:g} min; give at most that"
+            )
+        return super().of_person(profile, limits, bolus=bolus, sample_time_min=sample_time_min)
 
     def settled(self) -> dict[str, Any]:
         """Basal rate, carbohydrate ratio and correction factor."""
-        names = ("basal_mU_min", "carb_ratio_g_U", "correction_mg_dl_U")
-        return {name: getattr(self, name) for name in names}
+        return {
+            "basal_mU_min": self.basal_mU_min,
+            "carb_ratio_g_U": self.carbs_per_U,
+            "correction_mg_dl_U": self.fall_per_U,
+        }
 
     # ------------------------------------------------------------------------------------------ curves
 
@@ -280,12 +278,12 @@ class LoopLike:
         units, highest, spare = self._correction(self.forecast(state), observation.setpoint_mg_dl)
         recent = state.stale_min < RECENT_MIN
         limit_U = 2.0 * self.max_bolus_U - jnp.sum(state.acting_U, axis=0)
-        for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), carbs_g / self.carb_ratio_g_U)
+        for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), carbs_g / self.carbs_per_U)
         for_meal = jnp.where(carbs_g > 0.0, self.meal_bolus * for_forecast, 0.0)
         per_U = MU_PER_U / TEMPORARY_BASAL_MIN
         most = basal
         automatic = jnp.zeros_like(for_meal)
-        if self.automatic_bolus:
+        if self.dosing == "automatic-bolus":
             most_U = jnp.clip(limit_U, 0.0, BOLUS_SHARE * self.max_bolus_U)
             automatic = jnp.where(highest & recent, jnp.clip(BOLUS_SHARE * units, 0.0, most_U), 0.0)
         else:
@@ -300,7 +298,7 @@ class LoopLike:
 
     def observed(self, state: LoopLikeState, observation: Observation) -> LoopLikeState:
         """State with a reading, what was delivered since the last sample, and an announced meal."""
-        T, sensitivity = self.sample_time_min, jnp.asarray(self.correction_mg_dl_U)
+        T, sensitivity = self.sample_time_min, jnp.asarray(self.fall_per_U)
         delivered = delivered_since(observation, state.rate_mU_min)
         given = jnp.clip(delivered, 0.0, self.limits.max_mU_min)
         bolus = bolus_since(observation, state.requested_mU, self.bolus)
@@ -314,7 +312,7 @@ class LoopLike:
         y = jnp.clip(observation.glucose_mg_dl, 0.0, _MAX_MG_DL)
         fall = sensitivity * acted_U
         counteracted = y - state.readings_mg_dl[0] + fall
-        per_g = sensitivity / self.carb_ratio_g_U
+        per_g = sensitivity / self.carbs_per_U
         before = state.meals.progress(self._longest_min)
         meals = state.meals.seen(jnp.where(known, counteracted / per_g, 0.0), self._longest_min, T)
         at, length, seen = meals.progress(self._longest_min)
@@ -342,12 +340,12 @@ class LoopLike:
     def forecast(self, state: LoopLikeState) -> jax.Array:
         """Glucose ``(1 + horizon, ...)`` from now on, at each sample: that of now, and the sum of all effects."""
         T, n, glucose = self.sample_time_min, self.horizon, state.readings_mg_dl[0]
-        insulin = -self.correction_mg_dl_U * state.acting_U
+        insulin = -self.fall_per_U * state.acting_U
         insulin = jnp.concatenate([insulin, jnp.zeros_like(insulin[:1])])
         at, length, _ = state.meals.progress(self._longest_min)
         ahead = _column(T * np.arange(n + 1.0), at)
         absorbed = jnp.sum(state.meals.carbs_g * part_absorbed(at + ahead / length), axis=1)
-        carbs = self.correction_mg_dl_U / self.carb_ratio_g_U * jnp.diff(absorbed, axis=0)
+        carbs = self.fall_per_U / self.carbs_per_U * jnp.diff(absorbed, axis=0)
         velocity = jnp.sum(state.unexplained_mg_dl, axis=0) / GROUPING_MIN
         fades = T * np.clip(1.0 - T * np.arange(n) / (CORRECTION_MIN - T), 0.0, 1.0)
         effects = insulin + carbs + _column(fades, velocity) * velocity
@@ -375,7 +373,7 @@ class LoopLike:
         late = _column(np.clip(2.0 * passed - 1.0, 0.0, 1.0), setpoint_mg_dl)
         target = self.suspend_mg_dl + (setpoint_mg_dl - self.suspend_mg_dl) * late
         acted = _column(np.maximum(1.0 - self.left(np.arange(n + 1)), 1e-12), setpoint_mg_dl)
-        effect = acted * self.correction_mg_dl_U
+        effect = acted * self.fall_per_U
         needed = (forecast - target) / effect
         least, eventual = jnp.min(forecast, axis=0), forecast[-1]
         first = jnp.min(jnp.where(forecast <= least, effect, jnp.inf), axis=0)
@@ -390,119 +388,3 @@ class LoopLike:
 def _column(values: npt.NDArray[np.float64], like: jax.Array) -> jax.Array:
     """Numbers along a first axis, before those of an array."""
     return jnp.asarray(values).reshape(-1, *(1,) * jnp.ndim(like))
-
-
-@checked
-def design_loop_like(
-    profile: Profile,
-    limits: DoseLimits = PARKER_1999_LIMITS,
-    *,
-    dosing: str = LoopLikeSettings.dosing,
-    insulin: str = LoopLikeSettings.insulin,
-    carb_ratio_g_U: float | None = None,
-    correction_mg_dl_U: float | None = None,
-    range_mg_dl: float = LoopLikeSettings.range_mg_dl,
-    suspend_mg_dl: float = LoopLikeSettings.suspend_mg_dl,
-    absorption_min: float = LoopLikeSettings.absorption_min,
-    max_basal: float = LoopLikeSettings.max_basal,
-    max_bolus_U: float = LoopLikeSettings.max_bolus_U,
-    meal_bolus: float = LoopLikeSettings.meal_bolus,
-    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
-    sample_time_min: float = 5.0,
-) -> LoopLike:
-    """Controller after LoopKit's, for a person's basal rate, carbohydrate ratio and correction factor.
-
-    The forecast of glucose is the reading and the sum of the effects of insulin that is still to act, of meals that are
-    still absorbed, of the changes of the last 30 min that these do not explain, which fade within an hour, and of the
-    slope of the last 15 min, which fades into the other effects in as long. The dose is the least by which no forecast
-    is above its target, where eventual glucose is above the range; the target goes from the suspend threshold to the
-    setpoint in the second half of the action of insulin. Forecast glucose below the threshold suspends insulin.
-
-    ====================  ====================================================================  ====================
-    dose                  value                                                                 ``dosing``
-    ====================  ====================================================================  ====================
-    temporary basal rate  basal + dose in 30 min, up to ``max_basal`` basal rates               ``temporary-basal``
-    automatic bolus       40 % of the dose; the rate is at most the basal rate                  ``automatic-bolus``
-    bolus of a meal       the dose at its announcement, up to ``max_bolus_U``                   both
-    ====================  ====================================================================  ====================
-
-    Insulin on board is kept within twice the largest bolus. After 15 min without a reading the basal rate is given, and
-    the bolus of a meal is that of the carbohydrate ratio.
-
-    Parameters
-    ----------
-    profile : Profile
-        The person's basal rate, carbohydrate ratio and correction factor.
-    limits : DoseLimits
-        Limits of the basal rate.
-    dosing : str
-        ``"automatic-bolus"`` or ``"temporary-basal"``.
-    insulin : str
-        Kind of insulin whose course of action is assumed, of `therapy.INSULINS`.
-    carb_ratio_g_U, correction_mg_dl_U : float, optional
-        Ratio and factor in place of those of the profile.
-    range_mg_dl : float
-        Width of the correction range around the setpoint, a choice here.
-    suspend_mg_dl : float
-        Suspend threshold, a choice here.
-    absorption_min : float
-        Absorption time of meals.
-    max_basal : float
-        Largest rate, in basal rates, a choice here.
-    max_bolus_U : float
-        Largest bolus, a choice here.
-    meal_bolus : float
-        Share of the bolus of a meal that is given; 0 for a loop without announced boluses.
-    bolus : BolusLimits
-        Limits of the pump.
-
-    Raises
-    ------
-    ValueError
-        For a basal rate outside the limits, or a setting that is not possible.
-
-    Examples
-    --------
-    >>> controller = design_loop_like(Profile(basal_mU_min=15.0, setpoint_mg_dl=110.0, total_daily_dose_U=45.0))
-    >>> round(float(controller.correction_mg_dl_U)), controller.horizon
-    (40, 74)
-    """
-    check_sample_time(sample_time_min)
-    if sample_time_min > RECENT_MIN:
-        raise Refusal(
-            f"a sample time of {sample_time_min:g} min is not possible here, where a reading counts for "
-            f"{RECENT_MIN:g} min; give at most that"
-        )
-    check_rate("basal", profile.basal_mU_min, limits)
-    check_number("carb ratio", carb_ratio_g_U, "g/U")
-    check_number("correction factor", correction_mg_dl_U, "mg/dl/U")
-    check_number("suspend threshold", suspend_mg_dl, "mg/dl")
-    check_number("absorption time", absorption_min, "min")
-    check_number("largest bolus", max_bolus_U, "U")
-    check_number("correction range", range_mg_dl, "mg/dl", at_least=0.0)
-    check_number("largest rate in basal rates", max_basal, at_least=1.0)
-    check_number("share of the meal bolus", meal_bolus, at_least=0.0)
-    for name, choice, known in (
-        ("insulin", insulin, INSULINS),
-        ("way of dosing", dosing, ("automatic-bolus", "temporary-basal")),
-    ):
-        if choice not in known:
-            raise Refusal(f"there is no {name} {choice!r}; give one of {', '.join(known)}")
-    return LoopLike(
-        basal_mU_min=profile.basal_mU_min,
-        carb_ratio_g_U=profile.carb_ratio() if carb_ratio_g_U is None else carb_ratio_g_U,
-        correction_mg_dl_U=profile.correction_factor() if correction_mg_dl_U is None else correction_mg_dl_U,
-        half_range_mg_dl=range_mg_dl / 2.0,
-        suspend_mg_dl=suspend_mg_dl,
-        absorption_min=absorption_min,
-        max_basal=max_basal,
-        max_bolus_U=max_bolus_U,
-        meal_bolus=meal_bolus,
-        limits=limits,
-        bolus=bolus,
-        insulin=insulin,
-        automatic_bolus=dosing == "automatic-bolus",
-        own_ratio=carb_ratio_g_U is None,
-        own_correction=correction_mg_dl_U is None,
-        sample_time_min=sample_time_min,
-    )

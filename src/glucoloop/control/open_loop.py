@@ -2,40 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY
 from typing import ClassVar
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.component.effects import Need
+from glucoloop.component.pytree_component import DATA, STATIC, wired
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.design_case import DesignCase, check_rate, check_sample_time
+from glucoloop.control.design_case import check_rate, check_sample_time
 from glucoloop.control.part import ControllerPart
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
-class BasalSettings(ControllerPart, name="basal"):
-    """The rate at which the loop starts, without a controller."""
+class OpenLoop(ControllerPart, name="basal"):
+    """The rate at which the loop starts, without a controller; see `design_open_loop` for another one."""
 
     uses_model: ClassVar = False
     individual: ClassVar = None
     used: ClassVar = frozenset()
 
-    def designed(self, case: DesignCase) -> OpenLoop:
-        """The rate at which the loop starts."""
-        return design_open_loop(limits=case.limits, sample_time_min=case.sample_time_min)
-
-
-@pytree
-class OpenLoop:
-    """Keeps the initial rate; see `design_open_loop`."""
-
-    uses: ClassVar[frozenset[Need]] = frozenset()
-
-    insulin_mU_min: jax.Array | None
-    limits: DoseLimits
-    sample_time_min: float = static()
+    _: KW_ONLY
+    insulin_mU_min: jax.Array | None = wired(DATA, default=None)
+    limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
+    sample_time_min: float = wired(STATIC, default=5.0)
 
     def init(self, observation: Observation) -> jax.Array:
         """State of the controller: the rate to keep."""

@@ -1,14 +1,17 @@
 """The declaration of a controller: what studies, designs and reports have to know of it without designing it.
 
-A controller is one file with its declaration, a class of settings whose method `designed` makes the controller. Here is
-what declarations share.
+A controller is one file with its declaration, a class of settings. It is the controller itself, with methods `init` and
+`step`, or its method `designed` makes one from models of the patient. Here is what declarations share.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+from dataclasses import KW_ONLY
+from typing import Annotated, Any, ClassVar, Self
 
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.effects import (
     AHEAD,
     ANNOUNCEMENTS,
@@ -21,11 +24,15 @@ from glucoloop.component.effects import (
     TIME_OF_DAY,
     Need,
 )
-from glucoloop.component.part import Part
+from glucoloop.component.pytree_component import DATA, HOST, STATIC, PytreeComponent, derived, wired
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.routes import ROUTES
 from glucoloop.component.setting import About
+from glucoloop.control.design_case import DesignCase, check_rate, check_sample_time
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.sensors.delay import LONGEST_LAG_MIN
+from glucoloop.therapy import Profile
 from glucoloop.unit_guess import ANY_SETTING, CARB_RATIO, CORRECTION, FITTED_STEP, LAG
 
 _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
@@ -70,7 +77,7 @@ CorrectionFactor = Annotated[
 ]
 
 
-class ControllerPart(Part):
+class ControllerPart(PytreeComponent):
     """Declaration of a controller.
 
     A controller joins every command by one class, entered in `control.catalogue.CONTROLLERS` or by the entry point of
@@ -129,8 +136,13 @@ class ControllerPart(Part):
         return self.used | boluses | (frozenset() if self.individual is None else frozenset({INDIVIDUAL}))
 
     def designed(self, case: Any) -> Any:
-        """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX."""
-        raise NotImplementedError
+        """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX.
+
+        By default it is the declaration itself, with the facts of the case that it has fields for.
+        """
+        return self.made(
+            limits=case.limits, bolus=case.bolus, profile=case.profile, sample_time_min=case.sample_time_min
+        )
 
 
 class ByProfile(ControllerPart):
@@ -140,3 +152,66 @@ class ByProfile(ControllerPart):
     individual: ClassVar = "glucoloop.build.individual:by_profile"
     gives_boluses: ClassVar = True
     used: ClassVar = DOSES_BY_PROFILE
+
+
+class OfPerson(ByProfile):
+    """A controller by profile that is its own declaration: it is connected to a person and to a pump."""
+
+    _: KW_ONLY
+    profile: Profile | None = wired(HOST, default=None)
+    limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
+    bolus: BolusLimits = wired(DATA, default=DEFAULT_BOLUS_LIMITS)
+    sample_time_min: float = wired(STATIC, default=5.0)
+
+    def of_person(
+        self,
+        profile: Profile,
+        limits: DoseLimits = PARKER_1999_LIMITS,
+        *,
+        bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
+        sample_time_min: float = 5.0,
+    ) -> Self:
+        """The controller for a person and a pump.
+
+        Parameters
+        ----------
+        profile : Profile
+            The person's basal rate, and what else is known; what is not follows from the basal rate.
+        limits : DoseLimits
+            Limits of the basal rate.
+        bolus : BolusLimits
+            Limits of the pump; no larger bolus is asked for.
+
+        Raises
+        ------
+        ValueError
+            For a basal rate outside the limits, or a sample time that is not possible.
+        """
+        check_sample_time(sample_time_min)
+        check_rate("basal", profile.basal_mU_min, limits)
+        controller: Self = self.made(profile=profile, limits=limits, bolus=bolus, sample_time_min=sample_time_min)
+        return controller
+
+    def designed(self, case: DesignCase) -> Self:
+        """The controller for the person of a case."""
+        return self.of_person(case.profile, case.limits, bolus=case.bolus, sample_time_min=case.sample_time_min)
+
+    def with_profile(self, profile: Profile) -> Self:
+        """The same controller for a person with the given profile; settings that were given stay as they are."""
+        basal = jnp.asarray(profile.basal_mU_min)
+        return self.made(profile=dataclasses.replace(profile, basal_mU_min=basal))  # type: ignore[no-any-return]
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> Self:
+        """The same controller for a person of whom the basal rate alone is known."""
+        return self.with_profile(Profile(basal_mU_min=insulin_mU_min, setpoint_mg_dl=jnp.nan))
+
+    @derived
+    def basal_mU_min(self) -> Any:
+        """The person's basal rate."""
+        return self._person.basal_mU_min
+
+    @property
+    def _person(self) -> Profile:
+        if self.profile is None:
+            raise Refusal(f"the controller {self.name} doses by the profile of a person; give it one with of_person")
+        return self.profile

@@ -12,20 +12,17 @@ The bolus of a meal is that of the person's carbohydrate ratio, as the wearer of
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, Final
 
 from glucoloop._lazy_jax import jax, jnp, np, npt
-from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked
-from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, DOSES_BY_PROFILE, Need
+from glucoloop._pytree import pytree
+from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, Need
+from glucoloop.component.pytree_component import HOST, derived
 from glucoloop.component.setting import About
 from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.design_case import DesignCase, check_number, check_rate, check_sample_time
-from glucoloop.control.part import ByProfile, CarbRatio, MealShare
+from glucoloop.control.part import CarbRatio, MealShare, OfPerson
 from glucoloop.control.pid import ROUNDING
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
-from glucoloop.therapy import Profile
 from glucoloop.units import MU_PER_U
 
 TIME_CONSTANTS_MIN: Final = (50.0, 70.0, 55.0)
@@ -50,40 +47,6 @@ def insulin_lags(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.N
     return Phi, 1.0 - Phi.sum(axis=1)  # a lasting rate is met by states that equal it
 
 
-class PIDIFBSettings(ByProfile, name="pid-ifb"):
-    """PID with insulin feedback and meal boluses, by the total daily dose, as in hybrid closed loops."""
-
-    sources = ("steil2011", "ruiz2012")
-
-    gain: Annotated[float, About("Factor on the gain that follows from the total daily dose.", above=0.0)] = 1.0
-    integral_time_min: Annotated[float, About("Integral time T_I, in minutes.", above=0.0)] = 450.0
-    derivative_time_min: Annotated[float, About("Derivative time T_D, in minutes.", above=0.0)] = 90.0
-    feedback: Annotated[
-        float, About("Factor on the gains of the insulin feedback; 0: a PID controller.", at_least=0.0, at_most=5.0)
-    ] = 1.0
-    carb_ratio_g_U: CarbRatio = 0.0
-    meal_bolus: MealShare = 1.0
-
-    def uses(self) -> frozenset[Need]:
-        """Needs that the controller meets; announcements where meals have a bolus."""
-        return super().uses() - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS, AHEAD})
-
-    def designed(self, case: DesignCase) -> PIDIFB:
-        """PID controller with insulin feedback of the catalogue, for a person's profile."""
-        return design_pid_ifb(
-            case.profile,
-            case.limits,
-            gain=self.gain,
-            integral_time_min=self.integral_time_min,
-            derivative_time_min=self.derivative_time_min,
-            feedback=self.feedback,
-            carb_ratio_g_U=self.carb_ratio_g_U or None,
-            meal_bolus=self.meal_bolus,
-            bolus=case.bolus,
-            sample_time_min=case.sample_time_min,
-        )
-
-
 @pytree
 class PIDIFBState:
     """Last reading, integral part, modelled insulin, and what was asked for and is in force."""
@@ -100,48 +63,74 @@ class PIDIFBState:
     """Bolus that was asked for at the last sample, used if the pump reports nothing."""
 
 
-@pytree
-class PIDIFB:
-    """PID controller with insulin feedback; see `design_pid_ifb`."""
+class PIDIFB(OfPerson, name="pid-ifb"):
+    """PID with insulin feedback and meal boluses, by the total daily dose, as in hybrid closed loops.
 
-    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
+    With the error ``e = y - r`` the rate is::
 
-    basal_mU_min: jax.Array | float
-    daily_dose_U: jax.Array | float
-    carb_ratio_g_U: jax.Array | float
-    gain: jax.Array | float
-    """Factor on the proportional gain that follows from the daily dose."""
-    integral_time_min: jax.Array | float
-    derivative_time_min: jax.Array | float
-    feedback: jax.Array | npt.NDArray[np.float64]
-    """(3,) gains of the feedback."""
-    meal_bolus: jax.Array | float
-    own_ratio: bool = static()
-    """Whether the carbohydrate ratio is that of a profile, and follows it."""
-    limits: DoseLimits
-    bolus: BolusLimits
-    sample_time_min: float = static()
-    gives_boluses: ClassVar[bool] = True
+        v = K_P e_k + I_k + K_P (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_P (T / T_I) e_k
+        u = (1 + g_1 + g_2 + g_3) v - g_1 I_SC - g_2 I_P - g_3 I_EFF,    K_P = k (TDD / 1500) / T_D
 
-    def with_profile(self, profile: Profile) -> PIDIFB:
-        """The same controller for a person with the given profile; a ratio that was given stays."""
-        return dataclasses.replace(
-            self,
-            basal_mU_min=jnp.asarray(profile.basal_mU_min),
-            daily_dose_U=profile.daily_dose_U(),
-            carb_ratio_g_U=profile.carb_ratio() if self.own_ratio else self.carb_ratio_g_U,
-        )
+    where the modelled insulin follows the delivered one, boluses included: 50 I_SC' = u - I_SC, 70 I_P' = I_SC - I_P,
+    55 I_EFF' = I_P - I_EFF. At rest all are the rate, so that the feedback changes no rate that lasts. The integral
+    begins with the basal rate, keeps the range of the pump, and waits where the rate is cut or at a limit. With a meal
+    that is announced a bolus of carbs / CR is given, and the feedback takes the insulin of the bolus into account.
 
-    def with_basal(self, insulin_mU_min: jax.Array) -> PIDIFB:
-        """The same controller for a person of whom the basal rate alone is known."""
-        return self.with_profile(Profile(basal_mU_min=insulin_mU_min, setpoint_mg_dl=jnp.nan))
+    ===================  ==========================================  ======================
+    variable             meaning                                     setting
+    ===================  ==========================================  ======================
+    ``TDD``              total daily dose, U                         ``profile``
+    ``k``                factor on the gain                          ``gain``
+    ``T_I, T_D``         integral, derivative time, min              ``integral_time_min``, ``derivative_time_min``
+    ``g_1, g_2, g_3``    0.64935, 0.34128, 0.0093667, times          ``feedback``
+    ``CR``               carbohydrate that 1 U covers, g/U           ``carb_ratio_g_U``
+    ===================  ==========================================  ======================
+
+    Examples
+    --------
+    >>> controller = PIDIFB().of_person(Profile(basal_mU_min=15.0, setpoint_mg_dl=110.0, total_daily_dose_U=45.0))
+    >>> round(float(controller.proportional()), 3)
+    0.333
+    """
+
+    sources = ("steil2011", "ruiz2012")
+
+    gain: Annotated[float, About("Factor on the gain that follows from the total daily dose.", above=0.0)] = 1.0
+    integral_time_min: Annotated[float, About("Integral time T_I, in minutes.", above=0.0)] = 450.0
+    derivative_time_min: Annotated[float, About("Derivative time T_D, in minutes.", above=0.0)] = 90.0
+    feedback: Annotated[
+        float,
+        About("Factor on the gains of the insulin feedback; 0: a PID controller.", at_least=0.0, at_most=5.0),
+        HOST,
+    ] = 1.0
+    carb_ratio_g_U: CarbRatio = 0.0
+    meal_bolus: MealShare = 1.0
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the controller meets; announcements where meals have a bolus."""
+        return super().uses() - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS, AHEAD})
+
+    @derived
+    def daily_dose_U(self) -> jax.Array:
+        """The person's total daily dose."""
+        return self._person.daily_dose_U()
+
+    @derived
+    def carbs_per_U(self) -> Any:
+        """Carbohydrate that 1 U covers [g/U], as it was given or by the profile."""
+        return self.carb_ratio_g_U or self._person.carb_ratio()
+
+    @derived
+    def feedback_gains(self) -> Any:
+        """Gains ``(3,)`` of the feedback."""
+        return self.feedback * np.asarray(FEEDBACK)
 
     def settled(self) -> dict[str, Any]:
         """Gain in mU/min per mg/dl, total daily dose and carbohydrate ratio."""
         return {
             "gain": self.proportional(),
             "daily_dose_U": self.daily_dose_U,
-            "carb_ratio_g_U": self.carb_ratio_g_U,
+            "carb_ratio_g_U": self.carbs_per_U,
         }
 
     def proportional(self) -> jax.Array:
@@ -180,8 +169,8 @@ class PIDIFB:
         gain = self.proportional()
         grown = state.integral_mU_min + gain * error * (self.sample_time_min / self.integral_time_min)
         beta_cell = gain * (error + self.derivative_time_min / self.sample_time_min * rise) + grown
-        fed_back = sum((self.feedback[i] * insulin[i] for i in range(3)), jnp.zeros(()))
-        wanted = (1.0 + jnp.sum(jnp.asarray(self.feedback))) * beta_cell - fed_back
+        fed_back = sum((self.feedback_gains[i] * insulin[i] for i in range(3)), jnp.zeros(()))
+        wanted = (1.0 + jnp.sum(jnp.asarray(self.feedback_gains))) * beta_cell - fed_back
         wanted = jnp.where(known, wanted, state.requested_mU_min)
         finite, least, most = jnp.isfinite(wanted), self.limits.min_mU_min, self.limits.max_mU_min
         requested = jnp.clip(jnp.where(finite, wanted, state.requested_mU_min), least, most)
@@ -189,7 +178,7 @@ class PIDIFB:
         waits = (error > 0.0) & ((wanted >= most) | (cut > rounding))
         waits = waits | ((error < 0.0) & ((wanted <= least) | (cut < -rounding)))
         grown = jnp.where(known & finite & ~waits, jnp.clip(grown, least, most), state.integral_mU_min)
-        for_meal = self.meal_bolus * announced_carbs(observation) * (MU_PER_U / self.carb_ratio_g_U)
+        for_meal = self.meal_bolus * announced_carbs(observation) * (MU_PER_U / self.carbs_per_U)
         bolus = jnp.clip(for_meal, 0.0, self.bolus.max_mU)
         decision = decide(wanted, delivered, self.limits, known)
         after = PIDIFBState(
@@ -201,96 +190,3 @@ class PIDIFB:
             requested_mU=bolus,
         )
         return after, dataclasses.replace(decision, bolus_mU=bolus)
-
-
-@checked
-def design_pid_ifb(
-    profile: Profile,
-    limits: DoseLimits = PARKER_1999_LIMITS,
-    *,
-    gain: float = PIDIFBSettings.gain,
-    integral_time_min: float = PIDIFBSettings.integral_time_min,
-    derivative_time_min: float = PIDIFBSettings.derivative_time_min,
-    feedback: float = PIDIFBSettings.feedback,
-    carb_ratio_g_U: float | None = None,
-    meal_bolus: float = PIDIFBSettings.meal_bolus,
-    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
-    sample_time_min: float = 5.0,
-) -> PIDIFB:
-    """PID controller with insulin feedback, for a person's total daily dose.
-
-    With the error ``e = y - r`` the rate is::
-
-        v = K_P e_k + I_k + K_P (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_P (T / T_I) e_k
-        u = (1 + g_1 + g_2 + g_3) v - g_1 I_SC - g_2 I_P - g_3 I_EFF,    K_P = k (TDD / 1500) / T_D
-
-    where the modelled insulin follows the delivered one, boluses included: 50 I_SC' = u - I_SC, 70 I_P' = I_SC - I_P,
-    55 I_EFF' = I_P - I_EFF. At rest all are the rate, so that the feedback changes no rate that lasts. The integral
-    begins with the basal rate, keeps the range of the pump, and waits where the rate is cut or at a limit. With a meal
-    that is announced a bolus of carbs / CR is given, and the feedback takes the insulin of the bolus into account.
-
-    ===================  ==========================================  ======================
-    variable             meaning                                     setting
-    ===================  ==========================================  ======================
-    ``TDD``              total daily dose, U                         ``profile``
-    ``k``                factor on the gain                          ``gain``
-    ``T_I, T_D``         integral, derivative time, min              ``integral_time_min``, ``derivative_time_min``
-    ``g_1, g_2, g_3``    0.64935, 0.34128, 0.0093667, times          ``feedback``
-    ``CR``               carbohydrate that 1 U covers, g/U           ``carb_ratio_g_U``
-    ===================  ==========================================  ======================
-
-    Parameters
-    ----------
-    profile : Profile
-        The person's basal rate, total daily dose and carbohydrate ratio; what is not known of these follows from the
-        basal rate.
-    limits : DoseLimits
-        Limits of the basal rate.
-    gain : float
-        Factor on the gain that follows from the daily dose.
-    integral_time_min : float
-        Integral time. The default, five derivative times, is a choice here.
-    derivative_time_min : float
-        Derivative time.
-    feedback : float
-        Factor on the gains of the feedback; 0 for a PID controller.
-    carb_ratio_g_U : float, optional
-        Carbohydrate that 1 U covers; by default that of the profile.
-    meal_bolus : float
-        Share of the meal bolus that is given; 0 for a loop without boluses.
-    bolus : BolusLimits
-        Limits of the pump; no larger bolus is asked for.
-
-    Raises
-    ------
-    ValueError
-        For a basal rate outside the limits, or a setting that is not possible.
-
-    Examples
-    --------
-    >>> controller = design_pid_ifb(Profile(basal_mU_min=15.0, setpoint_mg_dl=110.0, total_daily_dose_U=45.0))
-    >>> round(float(controller.proportional()), 3)
-    0.333
-    """
-    check_sample_time(sample_time_min)
-    check_rate("basal", profile.basal_mU_min, limits)
-    check_number("gain", gain)
-    check_number("integral time", integral_time_min, "min")
-    check_number("derivative time", derivative_time_min, "min")
-    check_number("carb ratio", carb_ratio_g_U, "g/U")
-    check_number("feedback", feedback, at_least=0.0)
-    check_number("share of the meal bolus", meal_bolus, at_least=0.0)
-    return PIDIFB(
-        basal_mU_min=profile.basal_mU_min,
-        daily_dose_U=profile.daily_dose_U(),
-        carb_ratio_g_U=profile.carb_ratio() if carb_ratio_g_U is None else carb_ratio_g_U,
-        gain=gain,
-        integral_time_min=integral_time_min,
-        derivative_time_min=derivative_time_min,
-        feedback=feedback * np.asarray(FEEDBACK),
-        meal_bolus=meal_bolus,
-        own_ratio=carb_ratio_g_U is None,
-        limits=limits,
-        bolus=bolus,
-        sample_time_min=sample_time_min,
-    )

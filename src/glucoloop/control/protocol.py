@@ -136,10 +136,11 @@ def gives_boluses(controller: object) -> bool:
 def uses_of(controller: object) -> frozenset[Need]:
     """Needs that a controller meets, of `component.effects.OF_CONTROLLERS`.
 
-    A controller declares it by an attribute ``uses``, which a wrapper passes on; one that does not is taken to use
-    everything.
+    A controller declares it by an attribute ``uses``, which a wrapper passes on, or by its declaration; one that does
+    neither is taken to use everything.
     """
-    result: frozenset[Need] = getattr(controller, "uses", OF_CONTROLLERS)
+    uses = getattr(controller, "uses", OF_CONTROLLERS)
+    result: frozenset[Need] = getattr(controller, "used", OF_CONTROLLERS) if callable(uses) else uses
     return result
 
 

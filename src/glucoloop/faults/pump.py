@@ -9,18 +9,17 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import KW_ONLY
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.pytree_component import DATA, HOST, derived, wired
 from glucoloop.component.setting import About
 from glucoloop.faults.fault import FaultPart, FaultState, Timed, Untimed
 from glucoloop.faults.schedule import Episodes, recurring
-from glucoloop.pumps.expiring import expiring
-from glucoloop.pumps.limits import LimitedPump
+from glucoloop.pumps.expiring import Expiring
+from glucoloop.pumps.limits import DoseLimits, LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
-from glucoloop.pumps.resolution import with_resolution
-from glucoloop.pumps.settings import MinimumRate, Step
+from glucoloop.pumps.resolution import MinimumRate, Step, WholeSteps
 
 _NO_STEP: Final = 2.0**-1000
 """A resolution by which no dose is changed: to divide by a power of two is exact."""
@@ -33,7 +32,7 @@ class PumpFault(FaultPart):
     One that changes single deliveries has the method `altered`; one that remembers has `start` and `respond`.
     """
 
-    part: ClassVar = "pump"
+    part: ClassVar[Literal["sensor", "pump"]] = "pump"
 
     _: KW_ONLY
     inner: Pump = wired(DATA, default_factory=LimitedPump)
@@ -101,9 +100,10 @@ def _passing(delivery: Delivery, present: jax.Array, fraction: float, *, noticed
     return dataclasses.replace(through, reported_mU_min=rate, reported_bolus_mU=bolus)
 
 
-class Resolution(PumpFault, Untimed, name="resolution"):
+class Resolution(WholeSteps, Untimed, name="resolution"):
     """Whole steps alone are delivered, from a least dose on; the remainder is delivered later."""
 
+    part: ClassVar[Literal["sensor", "pump"]] = "pump"
     comes_and_goes: ClassVar = False
     idle: ClassVar = {"step_mU_min": _NO_STEP, "least_mU_min": 0.0}
     step_mU_min: Step = 0.5
@@ -113,14 +113,9 @@ class Resolution(PumpFault, Untimed, name="resolution"):
         "least_mU_min": lambda even: 2.0 ** (even(-4.0, 4.0) // 1.0) * (even(0.0, 4.0, 1) // 1.0),
     }
 
-    def made(self, **surroundings: Any) -> Any:
-        """The pump of that resolution."""
-        return with_resolution(
-            self.step_mU_min,
-            surroundings.get("inner"),
-            least_mU_min=self.least_mU_min,
-            limits=surroundings.get("limits"),
-        )
+    _: KW_ONLY
+    inner: Pump = wired(DATA, default_factory=LimitedPump)
+    limits: DoseLimits = wired(DATA, default=None)
 
 
 class Battery(PumpFault, Timed, name="battery"):
@@ -187,7 +182,7 @@ class Unheard(PumpFault, Timed, name="unheard"):
     """
 
     _: KW_ONLY
-    inner: Pump = wired(DATA, default_factory=expiring)
+    inner: Pump = wired(DATA, default_factory=Expiring)
 
     def deliver(
         self, state: FaultState, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None

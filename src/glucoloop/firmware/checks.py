@@ -48,7 +48,7 @@ class Check:
         return {"check": self.name, "holds": self.holds, "found": self.finding, **self.measured}
 
 
-def ran(command: list[str], folder: Path) -> tuple[int, str]:
+def _ran(command: list[str], folder: Path) -> tuple[int, str]:
     """Exit code of a command, 124 after ten minutes, and what it printed."""
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=_LONGEST_S)
@@ -73,10 +73,10 @@ _PACKAGE: Final = "frama-c is not installed; Debian's package frama-c-base bring
 
 def misra(exported: Exported) -> Check:
     """Findings of cppcheck's add-on in the controller; one of a required rule fails the check."""
-    return misra_of(_code(exported), "controller.c")
+    return _misra_of(_code(exported), "controller.c")
 
 
-def misra_of(files: Mapping[str, str], *checked: str) -> Check:
+def _misra_of(files: Mapping[str, str], *checked: str) -> Check:
     """The same for those of the files that are checked."""
     name = MISRA
     if shutil.which("cppcheck") is None:
@@ -84,7 +84,7 @@ def misra_of(files: Mapping[str, str], *checked: str) -> Check:
     with private_temporary_folder("glucoloop-misra-") as folder:
         _write(folder, files)
         flags = ["--std=c99", "--enable=style", "--addon=misra", "--quiet", "--template={id}", "--inline-suppr"]
-        code, output = ran(["cppcheck", *flags, *checked], folder)
+        code, output = _ran(["cppcheck", *flags, *checked], folder)
     if code == 124:
         return Check(name, None, output, {})
     result: dict[str, int] = {}
@@ -170,7 +170,7 @@ def _eva(files: tuple[tuple[str, str], ...]) -> tuple[int, str]:
     """Exit code and output of Frama-C; the function that bounds the rate is the same in many controllers."""
     with private_temporary_folder("glucoloop-eva-") as folder:
         _write(folder, dict(files))
-        return ran(["frama-c", *_EVA, *(str(folder / name) for name, _ in files if name.endswith(".c"))], folder)
+        return _ran(["frama-c", *_EVA, *(str(folder / name) for name, _ in files if name.endswith(".c"))], folder)
 
 
 def _code(exported: Exported) -> dict[str, str]:
@@ -237,9 +237,9 @@ def _compiled(lowered: Lowered) -> Callable[..., Any]:
     none = np.zeros((0, 1), kernel.dtype)
 
     def run(own: Any, carry: Any = none) -> tuple[Any, Any]:
-        person, carry_, seen = (np.repeat(rows, kernel.lanes, axis=1) for rows in (none, carry, own))
+        person, carry_, own_ = (np.repeat(rows, kernel.lanes, axis=1) for rows in (none, carry, own))
         outputs = np.zeros((1, kernel.sizes["outputs"], kernel.lanes), kernel.dtype)
-        kernel.run(person, carry_, kernel.by_vector(seen[None]), np.zeros((1, 0), kernel.dtype), outputs)
+        kernel.run(person, carry_, kernel.by_vector(own_[None]), np.zeros((1, 0), kernel.dtype), outputs)
         return carry_, outputs[0]
 
     return run
@@ -262,10 +262,10 @@ def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Check:
     with private_temporary_folder("glucoloop-chip-") as folder:
         for file, text in code_files(exported, record, chip).items():
             (folder / file).write_text(text)
-        code, output = ran(build_command(chip, exported.precision), folder)
+        code, output = _ran(build_command(chip, exported.precision), folder)
         if code:
             return Check(name, False, f"the compiler refuses it: {output.strip()[:500]}", {})
-        code, output = ran(run_command(chip), folder)
+        code, output = _ran(run_command(chip), folder)
         sizes = _sizes_of(chip, folder)
     result = dict(re.findall(r"(\w+)=(\d+)", output))
     if code or "samples" not in result:
@@ -292,8 +292,8 @@ def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Check:
 def _sizes_of(chip: Chip, folder: Path) -> dict[str, int]:
     """Size of program, tables and stack of the controller alone."""
     flags = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", *SMALL, "-fstack-usage", *chip.flags]
-    code, _ = ran([chip.compiler, *flags, "-c", "-o", "controller.o", "controller.c"], folder)
-    code_size, output = ran([chip.compiler.replace("gcc", "size"), "controller.o"], folder)
+    code, _ = _ran([chip.compiler, *flags, "-c", "-o", "controller.o", "controller.c"], folder)
+    code_size, output = _ran([chip.compiler.replace("gcc", "size"), "controller.o"], folder)
     if code or code_size:
         return {}
     text, data = output.splitlines()[1].split()[:2]

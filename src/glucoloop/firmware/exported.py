@@ -68,7 +68,7 @@ def export(
         return array.astype(real) if np.issubdtype(array.dtype, np.floating) else leaf
 
     of_chip = jax.tree.map(cast, controller)
-    seen = jax.tree.map(lambda leaf: np.asarray(cast(leaf)), observation)
+    example = jax.tree.map(lambda leaf: np.asarray(cast(leaf)), observation)
     last = _last_clamp(limits, bolus if gives_boluses(controller) else None, real)
 
     def step(state: Any, observation: Observation) -> tuple[Any, Decision]:
@@ -76,7 +76,7 @@ def export(
         return state, _finished(decision, last, real)
 
     try:
-        traced = trace(of_chip.init, step, seen, precision)
+        traced = trace(of_chip.init, step, example, precision)
         source = write_source(traced, title, form, last)
     except UnsupportedError as error:
         raise Refusal(f"this controller cannot be written in C in the {form} form: it uses {error}") from None

@@ -77,7 +77,7 @@ def _makefile(chip: Chip, precision: str) -> str:
 def _samples(exported: Exported, record: SampleRecord) -> str:
     """Recorded samples as a header: inputs and expected outputs, in bits."""
     format, records = FORMATS[exported.precision], exported.source.records
-    given, expected = records["observation"].fields, records["decision"].fields
+    inputs, expected = records["observation"].fields, records["decision"].fields
     word = np.dtype(format.bits.removesuffix("_t"))
 
     def bits(leaf: Any, kind: str) -> str:
@@ -92,8 +92,8 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
 
     def read(field: Any, i: int) -> str:
         if field.kind == REAL:
-            return f"  (void)memcpy(&to->{field.name}, &given[i][{i}], sizeof(to->{field.name}));"
-        return f"  to->{field.name} = (int32_t)given[i][{i}];"
+            return f"  (void)memcpy(&to->{field.name}, &inputs[i][{i}], sizeof(to->{field.name}));"
+        return f"  to->{field.name} = (int32_t)inputs[i][{i}];"
 
     def compared(field: Any, i: int) -> str:
         if field.kind == REAL:
@@ -107,16 +107,16 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
     texts = {
         "SAMPLES": f"{len(record.observations)}",
         "RUN": f"{record.run}",
-        "LEAST": format.literal(float(limits.min_mU_min)),
-        "MOST": format.literal(float(limits.max_mU_min)),
+        "MIN_RATE": format.literal(float(limits.min_mU_min)),
+        "MAX_RATE": format.literal(float(limits.max_mU_min)),
         "BITS": format.bits,
-        "GIVEN": f"{len(given)}",
+        "INPUTS": f"{len(inputs)}",
         "EXPECTED": f"{len(expected)}",
-        "GIVEN_NAMES": ", ".join(field.name for field in given),
+        "INPUT_NAMES": ", ".join(field.name for field in inputs),
         "EXPECTED_NAMES": ", ".join(field.name for field in expected),
-        "GIVEN_ROWS": "\n".join(rows(record.observations, given)),
+        "INPUT_ROWS": "\n".join(rows(record.observations, inputs)),
         "EXPECTED_ROWS": "\n".join(rows(record.decisions, expected)),
-        "READ": "\n".join(read(field, i) for i, field in enumerate(given)),
+        "READ": "\n".join(read(field, i) for i, field in enumerate(inputs)),
         "COMPARED": "\n".join(compared(field, i) for i, field in enumerate(expected)),
     }
     return re.sub(r"@(\w+)@", lambda result: texts[result[1]], template("samples.h"))

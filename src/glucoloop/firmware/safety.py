@@ -18,11 +18,11 @@ from glucoloop.firmware.chips import template
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import OUTCOMES
 
-EVERY, GUARD, C = "every controller", "the guard", "the exported C"
+_EVERY, _GUARD, _C = "every controller", "the guard", "the exported C"
 WHERE: Final = {
-    EVERY: "any controller of the catalogue, bare or guarded, in Python and in C",
-    GUARD: "a controller in a guard with the usual settings, in Python and in C",
-    C: "the C that `glucoloop export` writes",
+    _EVERY: "any controller of the catalogue, bare or guarded, in Python and in C",
+    _GUARD: "a controller in a guard with the usual settings, in Python and in C",
+    _C: "the C that `glucoloop export` writes",
     "the link": "the firmware and the protocol of `glucoloop hil`",
     "real time": "the functions for a loop in real time, in Python",
     "the program": "the program with which a controller is designed and simulated",
@@ -49,7 +49,7 @@ CHECKS: Final = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Requirement:
+class _Requirement:
     """Measure against hazards, with the tests and checks that fail where it does not hold."""
 
     name: str
@@ -57,14 +57,14 @@ class Requirement:
     text: str
     tests: tuple[str, ...]
     checks: tuple[str, ...] = ()
-    shown: tuple[str, ...] = ()
+    evidence: tuple[str, ...] = ()
     """Pages with what was measured."""
     command: str = ""
     """Command that measures it again."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hazard:
+class _Hazard:
     """Cause of too much or too little insulin, the measures against it, and what is left."""
 
     name: str
@@ -73,12 +73,12 @@ class Hazard:
     what: str
     measures: tuple[str, ...]
     """Names of the requirements that act against it."""
-    left: str
+    residual_risk: str
     boluses: bool = False
     """Whether it concerns only a controller that gives boluses."""
     bare: bool = False
     """Whether it concerns only a controller without a guard."""
-    shown: tuple[str, ...] = ()
+    evidence: tuple[str, ...] = ()
     """Pages with what was measured of it."""
 
     def concerns(self, *, guarded: bool, boluses: bool) -> bool:
@@ -90,23 +90,23 @@ class Hazard:
 class SafetyFile:
     """All hazards and requirements, by name."""
 
-    hazards: Mapping[str, Hazard]
-    requirements: Mapping[str, Requirement]
+    hazards: Mapping[str, _Hazard]
+    requirements: Mapping[str, _Requirement]
 
     @classmethod
     def read(cls) -> SafetyFile:
         """Read the safety file of this version."""
         data = (importlib.resources.files("glucoloop.firmware") / "hazards.toml").read_text(encoding="utf-8")
         tables = tomllib.loads(data)
-        hazards = [Hazard(**_tuples(table)) for table in tables["hazard"]]
-        requirements = [Requirement(**_tuples(table)) for table in tables["requirement"]]
+        hazards = [_Hazard(**_tuples(table)) for table in tables["hazard"]]
+        requirements = [_Requirement(**_tuples(table)) for table in tables["requirement"]]
         return cls(_by_name(hazards), _by_name(requirements))
 
-    def of_cause(self, cause: str) -> list[Hazard]:
+    def of_cause(self, cause: str) -> list[_Hazard]:
         """Hazards of a cause."""
         return [hazard for hazard in self.hazards.values() if hazard.cause == cause]
 
-    def lessened_by(self, requirement: Requirement) -> list[Hazard]:
+    def lessened_by(self, requirement: _Requirement) -> list[_Hazard]:
         """Hazards against which a requirement is a measure."""
         return [hazard for hazard in self.hazards.values() if requirement.name in hazard.measures]
 
@@ -125,7 +125,7 @@ def _by_name(entries: Sequence[Any]) -> dict[str, Any]:
 def safety_report(exported: Exported, name: str, checks: Sequence[Mapping[str, Any]], *, guarded: bool) -> str:
     """Part of the safety file that concerns an exported controller, with the outcome of the checks of its folder."""
     file, boluses = SafetyFile.read(), exported.gives_boluses
-    here = {EVERY, C, *([GUARD] if guarded else [])}
+    here = {_EVERY, _C, *([_GUARD] if guarded else [])}
     concern = [hazard for hazard in file.hazards.values() if hazard.concerns(guarded=guarded, boluses=boluses)]
     needed = {name for hazard in concern for name in hazard.measures}
     requirements = [requirement for requirement in file.requirements.values() if requirement.name in needed]
@@ -150,13 +150,13 @@ def safety_report(exported: Exported, name: str, checks: Sequence[Mapping[str, A
     )
 
 
-def _hazard_text(hazard: Hazard, inside: Collection[str]) -> str:
+def _hazard_text(hazard: _Hazard, inside: Collection[str]) -> str:
     here = [f"`{name}`" for name in hazard.measures if name in inside]
     others = [f"`{name}`" for name in hazard.measures if name not in inside]
     lines = [f"**{hazard.what}** ({DELIVERY[hazard.delivery]})", ""]
     lines.append(f"- Measures here: {', '.join(here)}." if here else "- There is no measure against it in this folder.")
     lines += [f"- Measures outside this folder: {', '.join(others)}."] if others else []
-    return "\n".join([*lines, f"- Left: {hazard.left}"])
+    return "\n".join([*lines, f"- Left: {hazard.residual_risk}"])
 
 
 def _kind_of(check: str) -> str:
@@ -165,7 +165,7 @@ def _kind_of(check: str) -> str:
     return named.get(check) or ("emulated" if check.startswith("C on an emulated") else "samples")
 
 
-def _requirement_text(requirement: Requirement, checks: Sequence[Mapping[str, Any]]) -> str:
+def _requirement_text(requirement: _Requirement, checks: Sequence[Mapping[str, Any]]) -> str:
     lines = [f"**{requirement.name}**. {requirement.text}", ""]
     for kind in requirement.checks:
         those = [check for check in checks if _kind_of(check["check"]) == kind]

@@ -48,7 +48,7 @@ class SampleRecord:
     """States before the samples."""
     decisions: list[Leaves]
     run: int
-    """Number of samples of a run, after which the controller is woken anew."""
+    """Number of samples of a run, after which the controller is initialised again."""
 
     def wrong_decision(self, init: Init, step: Step) -> int | None:
         """First sample at which another implementation decides otherwise in a bit; None if there is none."""
@@ -63,17 +63,17 @@ class SampleRecord:
         So many samples are computed, spread over the record; all by default.
         """
         last = len(self.observations) - 1
-        for i in range(last + 1) if samples is None else spread(samples, last):
+        for i in range(last + 1) if samples is None else _spread(samples, last):
             if i % self.run == 0 and not equal(init(self.observations[i]), self.states[i]):
                 return i
             after, decided = step(self.states[i], self.observations[i])
-            goes_on = i < last and (i + 1) % self.run
-            if not equal(decided, self.decisions[i]) or (goes_on and not equal(after, self.states[i + 1])):
+            continues = i < last and (i + 1) % self.run
+            if not equal(decided, self.decisions[i]) or (continues and not equal(after, self.states[i + 1])):
                 return i
         return None
 
 
-def spread(number: int, last: int) -> list[int]:
+def _spread(number: int, last: int) -> list[int]:
     """Places from 0 to the last one, at most so many, at distances as equal as can be."""
     return sorted({round(place) for place in np.linspace(0, last, min(number, last + 1))})
 
@@ -91,10 +91,10 @@ def joined(records: Sequence[SampleRecord]) -> SampleRecord:
 
 def equal(ours: Sequence[Any], theirs: Sequence[Any]) -> bool:
     """Whether all arrays have the same bits."""
-    return all(same(a, b) for a, b in zip(ours, theirs, strict=True))
+    return all(_same(a, b) for a, b in zip(ours, theirs, strict=True))
 
 
-def same(a: Any, b: Any) -> bool:
+def _same(a: Any, b: Any) -> bool:
     """Whether two arrays have the same bits; NaN equals NaN."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     return bool(np.all((a == b) & (np.signbit(a) == np.signbit(b)) | (a != a) & (b != b)))
@@ -104,13 +104,13 @@ def arithmetic(exported: Exported) -> tuple[Init, Step]:
     """Init and step as the form defines them, in NumPy."""
     leaves = len(jax.tree.leaves(exported.traced.state))
     if exported.source.lowered is None:
-        wake, go_on = exported.meaning()
+        first, each = exported.meaning()
 
         def of_compact(state: Sequence[Any], observation: Sequence[Any]) -> tuple[Leaves, Leaves]:
-            results = go_on([*state, *observation])
+            results = each([*state, *observation])
             return results[:leaves], results[leaves:]
 
-        return lambda observation: list(wake(observation)), of_compact
+        return lambda observation: list(first(observation)), of_compact
     return by_columns(exported, *map(Interpreter, exported.source.lowered))
 
 
@@ -141,10 +141,10 @@ def by_columns(exported: Exported, first: Callable[..., Any], each: Callable[...
 
 def example(controller: Controller, stepper: Stepper) -> Observation:
     """Example of the controller's observation."""
-    seen = stepper.observation()
-    if gives_boluses(controller) and seen.delivered_bolus_mU is None:
-        seen = dataclasses.replace(seen, delivered_bolus_mU=jnp.zeros(()))
-    return seen
+    observation = stepper.observation()
+    if gives_boluses(controller) and observation.delivered_bolus_mU is None:
+        observation = dataclasses.replace(observation, delivered_bolus_mU=jnp.zeros(()))
+    return observation
 
 
 def stepper_of(situation: Situation, seed: int) -> Stepper:
@@ -171,13 +171,13 @@ def record(
 ) -> SampleRecord:
     """Run the loop of a controller with faults, decided by `init` and `step`, and give it absurd numbers at the end."""
     stepper, rng = stepper_of(situation, seed), np.random.default_rng(seed)
-    seen = example(controller, stepper)
+    observation = example(controller, stepper)
     observations: list[Leaves] = []
     states: list[Leaves] = []
     decisions: list[Leaves] = []
     state: Leaves = []
     for i in range(samples):
-        leaves = leaves_of(seen, exported)
+        leaves = leaves_of(observation, exported)
         if i >= samples - samples // _ABSURD_SHARE:
             leaves = [_absurd(leaf, rng) for leaf in leaves]
         state = state if i else init(leaves)
@@ -188,22 +188,22 @@ def record(
         decision = decision_of(decided, exported)
         carbs = float(rng.uniform(10.0, 80.0)) if rng.random() < _MEALS_A_SAMPLE else 0.0
         bolus = None if decision.bolus_mU is None else float(decision.bolus_mU)
-        seen = stepper.step(float(decision.insulin_mU_min), carbs, bolus)
+        observation = stepper.step(float(decision.insulin_mU_min), carbs, bolus)
         if situation.announce_meals:
-            seen = dataclasses.replace(seen, announced_carbs_g=jnp.asarray(carbs))
+            observation = dataclasses.replace(observation, announced_carbs_g=jnp.asarray(carbs))
     return SampleRecord(observations, states, decisions, samples)
 
 
 def replayed(
     observations: Sequence[Leaves], init: Init, step: Step, starts: Sequence[int]
 ) -> tuple[list[Leaves], list[Leaves]]:
-    """States before, and decisions on, observations; the controller is woken at the samples that are starts."""
+    """States before, and decisions on, observations; the controller is initialised at the samples in `starts`."""
     state: Leaves = []
     states, decisions = [], []
-    for i, seen in enumerate(observations):
-        state = init(seen) if i in starts else state
+    for i, observation in enumerate(observations):
+        state = init(observation) if i in starts else state
         states.append(state)
-        state, decided = step(state, seen)
+        state, decided = step(state, observation)
         decisions.append(decided)
     return states, decisions
 
@@ -214,9 +214,9 @@ def decision_of(leaves: Leaves, exported: Exported) -> Decision:
     return decision
 
 
-def leaves_of(seen: Observation, exported: Exported) -> Leaves:
+def leaves_of(observation: Observation, exported: Exported) -> Leaves:
     """Leaves of an observation in the precision of a controller."""
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(seen)]
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(observation)]
     return [leaf.astype(exported.precision) if leaf.dtype != bool else leaf for leaf in leaves]
 
 

@@ -26,46 +26,50 @@ from glucoloop.lab.controllers import (
     LOOPED,
     Adjustable,
     adjustable,
-    controller_parts,
+    controller_functions,
     controllers_of,
+    guard_functions,
     guard_program_of,
+    looped_functions,
     program_of,
 )
-from glucoloop.lab.device_functions import pump_parts, sensor_parts
-from glucoloop.lab.loop_functions import guard_parts, looped_parts
-from glucoloop.lab.lowered_function import CompiledPart
+from glucoloop.lab.device_functions import pump_functions, sensor_functions
+from glucoloop.lab.lowered_function import PageFunction
 from glucoloop.lab.pack import DATA, MODULE
 from glucoloop.lab.page_data import numbers
-from glucoloop.lab.patient_functions import FAMILIES, by_equations, meal_parts, plant_part
-from glucoloop.lab.people import draw_part, person_part
-from glucoloop.native.targets.wasm.module import c_compiler_version, linker_version, numbers_per_person, wasm_module
+from glucoloop.lab.patient_functions import FAMILIES, by_equations, meal_functions, plant_function
+from glucoloop.lab.people import draw_function, person_function
+from glucoloop.native.targets.wasm.module import numbers_per_person, tool_versions, wasm_module
 from glucoloop.refusal import Refusal
 
-GUARDED: Final = "_guarded"
+_GUARDED: Final = "_guarded"
 
 
-def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
+def _functions(families: Sequence[str] = FAMILIES) -> dict[str, PageFunction]:
     """All functions of the page, by the name under which the module exports them."""
-    result = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
+    result = {**sensor_functions(), **pump_functions(), "draw": draw_function()}
     for family in families:
         name = re.sub(r"\W", "_", family)
-        result[f"{name}_plant"] = plant_part(family)
-        result |= {f"{name}_{what}": compiled for what, compiled in meal_parts(family).items()}
+        result[f"{name}_plant"] = plant_function(family)
+        result |= {f"{name}_{what}": compiled for what, compiled in meal_functions(family).items()}
         if not by_equations(family):
-            result[f"{name}_person"] = person_part(family)
+            result[f"{name}_person"] = person_function(family)
     shapes: dict[str, tuple[object, ...]] = {}
     of_families = ((family, name) for family in families for name in controllers_of(family))
     for (family, name), guard in itertools.product(of_families, (False, True)):
         if name in LOOPED:
             program = guard_program_of(family) if guard else program_of(name, family)
             if f"{program}_step" not in result:
-                made = guard_parts(family) if guard else looped_parts(family)
-                result |= {f"{program}_{what}": compiled for what, compiled in made.items()}
+                additions = guard_functions(family) if guard else looped_functions(family)
+                result |= {f"{program}_{what}": compiled for what, compiled in additions.items()}
             continue
-        program, adjusted = program_of(name, family) + (GUARDED if guard else ""), adjustable(name, family, guard=guard)
+        program, adjusted = (
+            program_of(name, family) + (_GUARDED if guard else ""),
+            adjustable(name, family, guard=guard),
+        )
         shape = _shape(adjusted)
         if program not in shapes:
-            result |= {f"{program}_{what}": compiled for what, compiled in controller_parts(adjusted).items()}
+            result |= {f"{program}_{what}": compiled for what, compiled in controller_functions(adjusted).items()}
         if shapes.setdefault(program, shape) != shape:
             raise Refusal(f"{name} of {family} is not of the form of the program {program}")
     return result
@@ -77,37 +81,33 @@ def _shape(controller: Adjustable) -> tuple[object, ...]:
     return structure, *map(np.shape, leaves)
 
 
-def tools() -> dict[str, str]:
+def _tools() -> dict[str, str]:
     """Versions on which the bytes of the module depend."""
-    return {
-        "llvmlite": importlib.metadata.version("llvmlite"),
-        "clang": c_compiler_version(),
-        "linker": linker_version(),
-    }
+    return {"llvmlite": importlib.metadata.version("llvmlite"), **tool_versions()}
 
 
-def module(of_page: Mapping[str, CompiledPart]) -> bytes:
+def _module(functions: Mapping[str, PageFunction]) -> bytes:
     """The module with the functions of the page."""
-    return wasm_module({name: part.lowered for name, part in of_page.items()})
+    return wasm_module({name: part.lowered for name, part in functions.items()})
 
 
-def functions(of_page: Mapping[str, CompiledPart]) -> dict[str, Any]:
+def _layout(functions: Mapping[str, PageFunction]) -> dict[str, Any]:
     """Names and counts of the numbers that each function takes and gives, and how many it keeps of a person."""
     return {
         name: {
             **{group: dict(names) for group, names in part.names.items()},
             "per_person": numbers_per_person(part.lowered),
         }
-        for name, part in of_page.items()
+        for name, part in functions.items()
     }
 
 
 def main() -> None:
     """Write the package data."""
-    of_page = parts()
-    data = {"tools": tools(), "functions": functions(of_page), **numbers()}
+    functions = _functions()
+    data = {"tools": _tools(), "functions": _layout(functions), **numbers()}
     text = json.dumps(data, separators=(",", ":"), allow_nan=False) + "\n"
-    MODULE.write_bytes(module(of_page))
+    MODULE.write_bytes(_module(functions))
     DATA.write_text(text, encoding="utf-8")
 
 

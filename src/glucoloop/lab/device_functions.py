@@ -8,6 +8,7 @@ are none: the onset is given, and the draw that would move it moves nothing.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, Final
 
 import jax
@@ -17,7 +18,7 @@ from glucoloop._pytree import pytree
 from glucoloop.build.faulty import put_around
 from glucoloop.control.protocol import Status
 from glucoloop.faults import FAULTS, FaultPart
-from glucoloop.lab.lowered_function import CompiledPart, with_start
+from glucoloop.lab.lowered_function import PageFunction, page_function, start_function
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
@@ -35,12 +36,12 @@ MONITORS: Final = ("dexcom-g6", "dexcom-g5", "facchinetti-2014")
 _PROCESSES: Final = 2
 """The most processes of their noise."""
 _EACH_SAMPLE: Final = Ticks(1, 1)
-NOTICED: Final = "noticed"
+_NOTICED: Final = "noticed"
 
 
-def part_name(fault: FaultPart) -> str:
+def _fault_name(fault: FaultPart) -> str:
     """Name under which the function of a fault is exported."""
-    ending = f"_{NOTICED}" if fault.values().get(NOTICED) else ""
+    ending = f"_{_NOTICED}" if fault.values().get(_NOTICED) else ""
     return f"{fault.part}_{fault.name.replace('-', '_')}{ending}"
 
 
@@ -59,19 +60,19 @@ class _Passed:
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=self.valid)
 
 
-def sensor_parts() -> dict[str, CompiledPart]:
+def sensor_functions() -> dict[str, PageFunction]:
     """Sensors, and the faults of a sensor, each with its state at the start."""
-    result: dict[str, CompiledPart] = {}
-    for name, sensor in sensors().items():
-        result |= reading_parts(f"sensor_{name}", sensor)
+    result: dict[str, PageFunction] = {}
+    for name, sensor in _sensors().items():
+        result |= _reading_functions(f"sensor_{name}", sensor)
     for entry in FAULTS.values():
         if entry.part == "sensor" and entry.name not in _OF_ANOTHER:
             delay = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
-            result |= fault_parts(entry.partial({"start_min": 0.0, **delay}).completed())
+            result |= _fault_functions(entry.partial({"start_min": 0.0, **delay}).completed())
     return result
 
 
-def sensors() -> dict[str, Sensor]:
+def _sensors() -> dict[str, Sensor]:
     """Sensors by the names of their functions, each around one whose reading is what it is shown.
 
     A monitor of the page is the lag, the errors of its model and the display, one after another.
@@ -91,26 +92,33 @@ def errors_of(name: str) -> MonitorErrors:
     A model of one process has a second one that is always zero, so that all monitors have one program.
     """
     alone = SENSORS[name].partial({"lag_min": 0.0, "display": False}).completed()
-    made: MonitorErrors = alone.made(inner=_Passed(valid=jnp.asarray(True)), site=None, sample_time_min=SAMPLE_TIME_MIN)
-    if made.constants is None or made.shape is not None or made.steps != _EACH_SAMPLE:
+    monitor: MonitorErrors = alone.made(
+        inner=_Passed(valid=jnp.asarray(True)), site=None, sample_time_min=SAMPLE_TIME_MIN
+    )
+    if monitor.constants is None or monitor.shape is not None or monitor.steps != _EACH_SAMPLE:
         raise Refusal(f"the page has no program for the errors of {name}, which differ or are not of each sample")
     wide = {
         of: jnp.zeros(_PROCESSES).at[: numbers.size].set(numbers)
-        for of, numbers in vars(made.constants).items()
+        for of, numbers in vars(monitor.constants).items()
         if of in ("alpha1", "alpha2", "sigma")
     }
-    return dataclasses.replace(made, constants=dataclasses.replace(made.constants, **wide))
+    return dataclasses.replace(monitor, constants=dataclasses.replace(monitor.constants, **wide))
 
 
-def fault_parts(fault: FaultPart) -> dict[str, CompiledPart]:
+def _fault_functions(fault: FaultPart) -> dict[str, PageFunction]:
     """The two functions of a fault of a sensor."""
-    return reading_parts(part_name(fault), put_around(_Passed(valid=jnp.asarray(True)), fault, SAMPLE_TIME_MIN))
+    return _reading_functions(_fault_name(fault), put_around(_Passed(valid=jnp.asarray(True)), fault, SAMPLE_TIME_MIN))
 
 
-def reading_parts(name: str, sensor: Any) -> dict[str, CompiledPart]:
+def _around(sensor: Any, inner: Any) -> Any:
+    """A sensor around another one than its own."""
+    return sensor.replaced(inner=inner) if hasattr(sensor, "replaced") else dataclasses.replace(sensor, inner=inner)
+
+
+def _reading_functions(name: str, sensor: Any) -> dict[str, PageFunction]:
     """The two functions of what is around a sensor: its state at the start, and its step, by what that sensor read."""
     zero = jnp.zeros(())
-    shown = Reading(glucose_mg_dl=zero, valid=jnp.asarray(True))
+    reading = Reading(glucose_mg_dl=zero, valid=jnp.asarray(True))
     numbers = jax.tree.map(jnp.asarray, sensor)
 
     def init(sensor: Any, glucose_mg_dl: Any, rng: Any) -> Any:
@@ -119,16 +127,14 @@ def reading_parts(name: str, sensor: Any) -> dict[str, CompiledPart]:
     def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared
         inner = _Passed(valid=own.valid)
-        around = (
-            sensor.replaced(inner=inner) if hasattr(sensor, "replaced") else dataclasses.replace(sensor, inner=inner)
-        )
+        around = _around(sensor, inner)
         state, reading = around.read(carry, own.glucose_mg_dl, rng)
         return state, reading
 
-    return with_start(name, init, step, numbers, zero, shown)
+    return _start_and_step(name, init, step, numbers, zero, reading)
 
 
-def pumps() -> dict[str, Pump]:
+def _pumps() -> dict[str, Pump]:
     """Pumps by the names of their functions: the usual one, and each fault around it."""
     usual = LimitedPump(limits=PARKER_1999_LIMITS)
     result: dict[str, Pump] = {"pump": usual}
@@ -136,19 +142,19 @@ def pumps() -> dict[str, Pump]:
         if entry.part != "pump":
             continue
         times = {"start_min": 0.0} if entry.timed else {}
-        noticing = NOTICED in entry.settings()
-        for notice in ({NOTICED: False}, {NOTICED: True}) if noticing else ({},):
+        noticing = _NOTICED in entry.settings()
+        for notice in ({_NOTICED: False}, {_NOTICED: True}) if noticing else ({},):
             fault = entry.partial({**times, **notice}).completed()
-            result[part_name(fault)] = put_around(usual, fault, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
+            result[_fault_name(fault)] = put_around(usual, fault, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
     return result
 
 
-def pump_parts() -> dict[str, CompiledPart]:
+def pump_functions() -> dict[str, PageFunction]:
     """Pumps, each with its state at the start: from a decision to what is delivered and what is reported.
 
     A controller without boluses asks for none at each sample.
     """
-    result: dict[str, CompiledPart] = {}
+    result: dict[str, PageFunction] = {}
     zero = jnp.zeros(())
     decided = {"insulin_mU_min": zero, "status": jnp.zeros((), int), "bolus_mU": zero}
 
@@ -162,16 +168,24 @@ def pump_parts() -> dict[str, CompiledPart]:
         finite = jnp.isfinite(requested) & jnp.isfinite(bolus)
         command, bolus = jnp.where(finite, requested, 0.0), jnp.where(finite, bolus, 0.0)
         state, delivery = deliver(pump, carry, command, rng, bolus)
-        given = jnp.zeros(()) if delivery.bolus_mU is None else delivery.bolus_mU
+        bolus_given = jnp.zeros(()) if delivery.bolus_mU is None else delivery.bolus_mU
         return state, {
             "insulin_mU_min": delivery.insulin_mU_min,
-            "bolus_mU": given,
-            "infused_mU_min": delivery.insulin_mU_min + given / SAMPLE_TIME_MIN,
+            "bolus_mU": bolus_given,
+            "infused_mU_min": delivery.insulin_mU_min + bolus_given / SAMPLE_TIME_MIN,
             "reported_mU_min": delivery.reported_mU_min,
             "reported_bolus_mU": delivery.reported_bolus_mU,
             "status": jnp.where(finite, own["status"], int(Status.NO_FINITE_DOSE)),
         }
 
-    for name, pump in pumps().items():
-        result |= with_start(name, init, step, jax.tree.map(jnp.asarray, pump), zero, decided)
+    for name, pump in _pumps().items():
+        result |= _start_and_step(name, init, step, jax.tree.map(jnp.asarray, pump), zero, decided)
     return result
+
+
+def _start_and_step(
+    name: str, init: Callable[..., Any], step: Callable[..., Any], person: Any, at_start: Any, own: Any
+) -> dict[str, PageFunction]:
+    """Two functions of the page by their names: one that gives the state at the start, and the step."""
+    state = jax.eval_shape(init, person, at_start, jax.random.key(0))
+    return {f"{name}_start": start_function(init, person, at_start), name: page_function(step, person, state, own)}

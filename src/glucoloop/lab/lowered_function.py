@@ -10,12 +10,11 @@ import jax
 import numpy as np
 
 from glucoloop.native.lower import Lowered, lower
-from glucoloop.native.targets.c.source import trace, write_source
 from glucoloop.native.targets.wasm.module import CFunction
 
 
 @dataclass(frozen=True)
-class CompiledPart:
+class PageFunction:
     """A compiled function with the names of its inputs and outputs."""
 
     step: Callable[..., Any]
@@ -33,79 +32,30 @@ class CompiledPart:
         return self.lowered
 
 
-def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> CompiledPart:
+def page_function(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> PageFunction:
     """Lower a function, and name what it takes and gives by the places in its trees; drawn numbers come last in own."""
     lowered = lower(step, person, carry, own, shared, jax.random.key(0), as_written=True)
     shapes = lowered.shapes
     groups = {"person": shapes.person, "carry": shapes.carry, "own": shapes.own, "shared": shapes.shared}
-    names = {name: _names(tree) for name, tree in {**groups, "outputs": shapes.outputs}.items()}
+    names = {name: names_of(tree) for name, tree in {**groups, "outputs": shapes.outputs}.items()}
     drawn = lowered.layout.sizes["own"] - sum(names["own"].values())
     if drawn:
         names["own"]["drawn"] = drawn
-    return CompiledPart(step=step, lowered=lowered, names=names)
+    return PageFunction(step=step, lowered=lowered, names=names)
 
 
-def starting(init: Callable[..., Any], person: Any, own: Any) -> CompiledPart:
+def start_function(init: Callable[..., Any], person: Any, own: Any) -> PageFunction:
     """Lower a function that gives the state at the start: its outputs are the state."""
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared
         return carry, init(person, own, rng)
 
-    return part(step, person, (), own)
+    return page_function(step, person, (), own)
 
 
-def with_start(
-    name: str, init: Callable[..., Any], step: Callable[..., Any], person: Any, at_start: Any, own: Any
-) -> dict[str, CompiledPart]:
-    """Two functions of the page by their names: one that gives the state at the start, and the step."""
-    state = jax.eval_shape(init, person, at_start, jax.random.key(0))
-    return {f"{name}_start": starting(init, person, at_start), name: part(step, person, state, own)}
-
-
-def looped(
-    title: str,
-    init: Callable[[Any, Any], Any],
-    step: Callable[[Any, Any, Any], tuple[Any, Any]],
-    person: Any,
-    own: Any,
-) -> dict[str, CompiledPart]:
-    """Two functions of a controller that keep their loops: its state at the start, and its step.
-
-    The functions are called with the numbers of the person, the state, and the person's own at a sample.
-    """
-    precision = "float64"
-    traced = trace(
-        lambda seen: init(seen["person"], seen["own"]),
-        lambda state, seen: step(seen["person"], state, seen["own"]),
-        {"own": own, "person": person},
-        precision,
-    )
-    source = write_source(traced, [title], "compact")
-
-    def waking(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
-        del shared, rng
-        return carry, init(person, own)
-
-    def stepping(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
-        del shared, rng
-        return step(person, carry, own)
-
-    state = traced.state
-    outer = {"person": _names(person), "own": _names(own), "shared": {}}
-    return {
-        "start": CompiledPart(
-            waking, CFunction(source, is_init=True), {**outer, "carry": {}, "outputs": _names(state)}
-        ),
-        "step": CompiledPart(
-            stepping,
-            CFunction(source, is_init=False),
-            {**outer, "carry": _names(state), "outputs": _names(traced.decision)},
-        ),
-    }
-
-
-def _names(tree: Any) -> dict[str, int]:
+def names_of(tree: Any) -> dict[str, int]:
+    """Names of the leaves of a tree, each with its number of numbers, as a function of the page takes or gives them."""
     result = jax.tree_util.tree_leaves_with_path(tree)
     return {_name(path): int(leaf.size) for path, leaf in result}
 

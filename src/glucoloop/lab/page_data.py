@@ -21,14 +21,14 @@ from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.controllers import (
     LOOPED,
     controllers_of,
+    default_mpc,
+    default_mpc_se,
+    default_tuning,
     guard_program_of,
     horizon_suits_model,
     longest_horizon,
     program_of,
     shortest_horizon,
-    usual_mpc,
-    usual_mpc_se,
-    usual_tuning,
 )
 from glucoloop.lab.device_functions import MONITORS, errors_of
 from glucoloop.lab.lowered_function import by_name
@@ -52,7 +52,7 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.settings import PATIENTS, PatientPart
 from glucoloop.patients.table import REPLACED
-from glucoloop.pumps.settings import PumpPart
+from glucoloop.pumps import PumpPart
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS
 from glucoloop.sensors.cgm import Display, Monitor
@@ -60,10 +60,10 @@ from glucoloop.simulation import fit_step
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
-SEEDS: Final = 10
-LONGEST_MIN: Final = 1440.0
+_SEEDS: Final = 10
+_LONGEST_MIN: Final = 1440.0
 """Longest run of the page."""
-SLIDERS: Final[dict[str, dict[str, Any]]] = tomllib.loads(
+_SLIDERS: Final[dict[str, dict[str, Any]]] = tomllib.loads(
     files("glucoloop.lab").joinpath("sliders.toml").read_text(encoding="utf-8")
 )
 """Settings that can be changed on the page, with least and largest value and step of their sliders."""
@@ -71,7 +71,7 @@ _OF_ZERO: Final = re.compile(r";? 0: .*")
 """Sentence on a value of 0, where the page does not offer it."""
 _OF_DEFAULT: Final = re.compile(r"; that of the patient's pump\.|; by default .*|: true or false\.")
 """Sentences on what is usual, which the page shows, and on how to write it."""
-CHAIN: Final = ("ideal", "white-noise", *MONITORS, "dead-time")
+_CHAIN: Final = ("ideal", "white-noise", *MONITORS, "dead-time")
 """Sensors that a chain on the page can have, from the innermost outwards."""
 
 
@@ -80,18 +80,18 @@ def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
     return {
         "sample_time_min": SAMPLE_TIME_MIN,
         "inside_min": GRID.inside_min.tolist(),
-        "longest_min": LONGEST_MIN,
+        "longest_min": _LONGEST_MIN,
         "families": {family: _family(PATIENTS.find(family)) for family in families},
         "patients": {
             patient_id(family, point): _patient(PATIENTS.find(family), point, patient)
             for family in families
             for point, patient in patients(family).items()
         },
-        "sensors": {name: SENSORS[name]().values() for name in CHAIN},
+        "sensors": {name: SENSORS[name]().values() for name in _CHAIN},
         "faults": {name: _fault(entry) for name, entry in FAULTS.items()},
         "monitors": {name: _monitor(name) for name in MONITORS},
         "display": Display().values(),
-        "seeds": SEEDS,
+        "seeds": _SEEDS,
         "statuses": {status.value: status.text for status in Status},
         "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
         "people": {family: people_numbers(family) for family in families if not by_equations(family)},
@@ -107,8 +107,8 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "population": _population(entry.name),
         "step_min": SAMPLE_TIME_MIN / steps_of(entry.name),
         "inside": [list(place) for place in inside(entry.name)],
-        "guard_limits": _offered(GuardSettings, SLIDERS["guard"], guard_of(entry).values()),
-        "pump_limits": _offered(PumpPart, SLIDERS["pump"], {name: getattr(entry, name) for name in SLIDERS["pump"]}),
+        "guard_limits": _offered(GuardSettings, _SLIDERS["guard"], guard_of(entry).values()),
+        "pump_limits": _offered(PumpPart, _SLIDERS["pump"], {name: getattr(entry, name) for name in _SLIDERS["pump"]}),
         "controllers": {name: _controller(name, entry) for name in controllers_of(entry.name)},
         "configuration": _configuration(entry),
     }
@@ -157,8 +157,8 @@ def _fault(entry: type[FaultPart]) -> dict[str, Any]:
 
 def _slider(entry: type[FaultPart], name: str) -> tuple[float, float, float]:
     """Least and largest value and step of a fault's setting on the page, by default hundredths from bound to bound."""
-    if name in SLIDERS["faults"]:
-        return cast(tuple[float, float, float], SLIDERS["faults"][name])
+    if name in _SLIDERS["faults"]:
+        return cast(tuple[float, float, float], _SLIDERS["faults"][name])
     setting = entry.setting(name)
     about = setting.about
     low, high = max(about.at_least, about.above), min(about.at_most, about.below)
@@ -175,14 +175,18 @@ def _monitor(name: str) -> dict[str, Any]:
     """A monitor: the numbers of its errors, the processes of its noise, and its settings."""
     entry = cast(type[Monitor], SENSORS[name])
     model, values = entry.model, entry().values()
-    usual = {**{setting: values[setting] for setting in SLIDERS["monitor"]}, "lag_min": model.lag_min, "worn_min": None}
+    usual = {
+        **{setting: values[setting] for setting in _SLIDERS["monitor"]},
+        "lag_min": model.lag_min,
+        "worn_min": None,
+    }
     worn_min = (0.0, values["wear_min"] - SAMPLE_TIME_MIN, SAMPLE_TIME_MIN)
-    drawn_or_unused = ("worn", "inner.valid")
+    random_or_unused = ("worn", "inner.valid")
     return {
         "summary": entry.summary,
-        "numbers": {of: number for of, number in by_name(errors_of(name)).items() if of not in drawn_or_unused},
+        "numbers": {of: number for of, number in by_name(errors_of(name)).items() if of not in random_or_unused},
         "processes": len(model.processes),
-        "settings": _offered(entry, {**SLIDERS["monitor"], "worn_min": worn_min}, usual),
+        "settings": _offered(entry, {**_SLIDERS["monitor"], "worn_min": worn_min}, usual),
     }
 
 
@@ -199,7 +203,9 @@ def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -
         "setpoint_mg_dl": float(patient.setpoint_mg_dl),
         "glucose_mg_dl": portable_glucose_mg_dl(entry.name, point, x),
         "profile": _profile(entry, point),
-        "first_order": {name: _first_order(patient, usual_tuning(name, entry.name, point)) for name in ("pid", "imc")},
+        "first_order": {
+            name: _first_order(patient, default_tuning(name, entry.name, point)) for name in ("pid", "imc")
+        },
         "response": _response(entry.name, point),
         "response_behind_lag": _response(entry.name, point, *MONITORS[:1]),
         "linear": _linear(entry.name, point, patient),
@@ -217,7 +223,7 @@ def _profile(entry: type[PatientPart], point: str) -> dict[str, float]:
 
 def _response(family: str, point: str, *sensor: str) -> dict[str, list[float]]:
     """The identified response as linear MPC keeps it: coefficients, and a realisation of what comes after them."""
-    mpc = usual_mpc(family, point, *sensor)
+    mpc = default_mpc(family, point, *sensor)
     result = {"step_response": np.asarray(mpc.step_response).tolist()}
     if mpc.realisation is not None:
         for name in ("transition", "start", "output"):
@@ -227,7 +233,7 @@ def _response(family: str, point: str, *sensor: str) -> dict[str, list[float]]:
 
 def _linear(family: str, point: str, patient: SemilinearPatient) -> dict[str, Any]:
     """The linearised patient as MPC/SE keeps it, with the state of a disturbance of the output if it has one."""
-    mpc_se, offset_free = usual_mpc_se(family, point), usual_tuning("mpc-se", family, point)["offset_free"]
+    mpc_se, offset_free = default_mpc_se(family, point), default_tuning("mpc-se", family, point)["offset_free"]
     unit = np.stack([process_noise(patient, *unit) for unit in np.eye(3)])
     kinds, factors = np.argmax(unit, axis=0).tolist(), unit.max(axis=0).tolist()
     if offset_free == "output-disturbance":
@@ -259,16 +265,16 @@ def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dic
 def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
     """A controller's settings on the page, and the usual values of all of its settings."""
     entry = controller_entry(name)
-    bounds = dict(SLIDERS["controllers"][name])
+    bounds = dict(_SLIDERS["controllers"][name])
     if of_patient.insulin_route == SUBCUTANEOUS:
-        bounds |= SLIDERS["subcutaneous"].get(name, {})
+        bounds |= _SLIDERS["subcutaneous"].get(name, {})
     if "prediction_horizon" in bounds:
         least = shortest_horizon(name, of_patient.name)
         bounds["prediction_horizon"] = (least, longest_horizon(of_patient.name), 1)
     usual: dict[str, Any] = {}
     for point in of_patient.operating_points:
         usual[point.name] = {
-            kind: usual_tuning(name, of_patient.name, point.name, *sensor)
+            kind: default_tuning(name, of_patient.name, point.name, *sensor)
             for kind, sensor in (("noise_free", ()), ("noisy", ("white-noise",)), ("behind_lag", MONITORS[:1]))
         }
     result: dict[str, Any] = {

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.lab.lowered_function import CompiledPart, part, starting
+from glucoloop.lab.lowered_function import PageFunction, page_function, start_function
 from glucoloop.meals.absorption import fasting
 from glucoloop.meals.linear import moments_of_jumps
 from glucoloop.meals.models import meal_model_of
@@ -36,27 +36,30 @@ from glucoloop.simulation.plant import SampleGrid
 from glucoloop.simulation.user_objects import goes_fast
 from glucoloop.situations.situation import Situation, configured
 
-Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
+_Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 
 FAMILIES: Final = ("parker-1999", "hovorka-2004", "wilinska-2010", "uva-padova-2008", "kanderian-2009")
 """Families of patients of the page, the usual one first."""
 SAMPLE_TIME_MIN: Final = 5.0
 GRID: Final = SampleGrid(sample_time_min=SAMPLE_TIME_MIN, samples=1)
-POINT_MIN: Final = float(GRID.inside_min[0])
+_POINT_MIN: Final = float(GRID.inside_min[0])
 """Time from a point of the fine grid to the next."""
-INTEGRATOR: Final = Exponential()
-STEPS: Final = INTEGRATOR.steps_of(GRID)
+_INTEGRATOR: Final = Exponential()
+_STEPS: Final = _INTEGRATOR.steps_of(GRID)
 """Steps of the integrator in a sample."""
-STEP_MIN: Final = SAMPLE_TIME_MIN / STEPS
+STEP_MIN: Final = SAMPLE_TIME_MIN / _STEPS
 SEED: Final = 0
 """Seed of the people, who are those of ``glucoloop trial --seed 0``."""
 
 
 def situation(family: str, operating_point: str, *sensor: str) -> Situation:
-    """Situation of a patient of the page with the usual pump, and exact readings unless a sensor is named."""
+    """Situation of a patient of the page with the usual pump, and exact readings unless a sensor is named.
+
+    The page designs on every model that is identified, as `allow_unusual` does.
+    """
     patient = {"name": family, "operating_point": operating_point}
-    made: Situation = configured(Situation, patient=patient, sensor=list(sensor))
-    return made
+    config: Situation = configured(Situation, patient=patient, sensor=list(sensor), allow_unusual=True)
+    return config
 
 
 def patient_id(family: str, operating_point: str) -> str:
@@ -106,7 +109,7 @@ def _explicit(family: str) -> ExplicitPeople:
 
 def steps_of(family: str) -> int:
     """Steps of the integrator in a sample."""
-    return _explicit(family).substeps if by_equations(family) else STEPS
+    return _explicit(family).substeps if by_equations(family) else _STEPS
 
 
 @functools.cache
@@ -117,8 +120,8 @@ def plants(family: str) -> dict[str, ExponentialPlant]:
     """
     result = {}
     for name, patient in patients(family).items():
-        plant, _ = INTEGRATOR.prepare(patient, fasting(), GRID)
-        of_people = PeoplePlant(patient, _varied(family), GRID, STEPS).single.matrices
+        plant, _ = _INTEGRATOR.prepare(patient, fasting(), GRID)
+        of_people = PeoplePlant(patient, _varied(family), GRID, _STEPS).single.matrices
         matrices = dataclasses.replace(plant.matrices, transport=of_people.transport, probe=of_people.probe)
         result[name] = dataclasses.replace(plant, matrices=matrices)
     return result
@@ -137,7 +140,7 @@ def _matrices(family: str, operating_point: str) -> Matrices:
 
 
 @functools.cache
-def _places(family: str) -> Places:
+def _places(family: str) -> _Places:
     """Places of each matrix that are not zero at all operating points; None for what holds no real numbers."""
     result: list[np.ndarray[Any, np.dtype[np.int64]] | None] = []
     every = (jax.tree.leaves(_matrices(family, name)) for name in patients(family))
@@ -173,7 +176,7 @@ def plant_numbers(family: str, operating_point: str) -> dict[str, list[float]]:
     return {"numbers": numbers, "matrices": np.concatenate(nonzero_numbers).tolist()}
 
 
-def _filled(matrices: Matrices, places: Places, numbers: jax.Array) -> Matrices:
+def _filled(matrices: Matrices, places: _Places, numbers: jax.Array) -> Matrices:
     """Matrices with other numbers in the places that are not zero."""
     leaves, structure = jax.tree.flatten(matrices)
     new, start = [], 0
@@ -198,16 +201,16 @@ def inside(family: str) -> list[tuple[int, int]]:
     return [(int(place) // most, int(place)) for place in np.asarray(matrices.wanted)]
 
 
-def adjusted(family: str, person: dict[str, Any]) -> tuple[SemilinearPatient, Matrices]:
+def _adjusted(family: str, person: dict[str, Any]) -> tuple[SemilinearPatient, Matrices]:
     """A patient and the matrices with other numbers, in the order of `plant_numbers`; JAX traces it.
 
     The rows of the matrices that read glucose are those of all steps of a sample, one below the other.
     """
     first = next(iter(patients(family)))
-    return patient_of(family, person), _filled(_matrices(family, first), _places(family), person["matrices"])
+    return _patient_of(family, person), _filled(_matrices(family, first), _places(family), person["matrices"])
 
 
-def patient_of(family: str, person: dict[str, Any]) -> SemilinearPatient:
+def _patient_of(family: str, person: dict[str, Any]) -> SemilinearPatient:
     """A patient with other numbers, in the order of `plant_numbers`; JAX traces it."""
     patient: SemilinearPatient = replaced(
         next(iter(patients(family).values())), patients_vary(family), person["patient"]
@@ -215,8 +218,8 @@ def patient_of(family: str, person: dict[str, Any]) -> SemilinearPatient:
     return patient
 
 
-def example_person(family: str) -> dict[str, Any]:
-    """Numbers of a patient as `adjusted` takes them."""
+def _example_person(family: str) -> dict[str, Any]:
+    """Numbers of a patient as `_adjusted` takes them."""
     first, nominal = next(iter(patients(family).items()))
     numbers = plant_numbers(family, first)
     return {
@@ -230,16 +233,16 @@ def portable_glucose_mg_dl(family: str, operating_point: str, x: jax.Array) -> f
 
     def read(person: Any, own: Any, rng: Any) -> Any:
         del rng
-        return patient_of(family, person).glucose_mg_dl(own)
+        return _patient_of(family, person).glucose_mg_dl(own)
 
-    lowered = starting(read, example_person(family), x).scalar
+    lowered = start_function(read, _example_person(family), x).scalar
     numbers = plant_numbers(family, operating_point)
     person = np.array([*numbers["matrices"], *numbers["numbers"]])[:, None]
     _, [[glucose]] = interpret(lowered, person=person, own=np.asarray(x)[:, None])
     return float(glucose)
 
 
-def plant_part(family: str) -> CompiledPart:
+def plant_function(family: str) -> PageFunction:
     """The patient for one step of the integrator: from the infusion to the state and to glucose on the way there.
 
     It gives the readings of all steps of a sample; `inside` tells which of them are those of a step.
@@ -247,14 +250,14 @@ def plant_part(family: str) -> CompiledPart:
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared, rng
-        patient, matrices = adjusted(family, person)
+        patient, matrices = _adjusted(family, person)
         dense, rate = matrices.dense[0], own["insulin_mU_min"]
         x, glucose = exponential.step(patient, matrices, dense, carry, rate, own["moments"])
         return x, {"glucose_mg_dl": patient.glucose_mg_dl(x), "inside_mg_dl": glucose}
 
     def explicit_step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del rng
-        plant = dataclasses.replace(_explicit(family).single, patient=patient_of(family, person))
+        plant = dataclasses.replace(_explicit(family).single, patient=_patient_of(family, person))
         x = plant.step(carry, shared["t_min"], own["insulin_mU_min"], own["moments"])
         glucose = plant.patient.glucose_mg_dl(x)
         return x, {"glucose_mg_dl": glucose, "inside_mg_dl": glucose[None]}
@@ -263,12 +266,12 @@ def plant_part(family: str) -> CompiledPart:
     x = nominal.steady_state(nominal.basal_insulin_mU_min)
     own = {"insulin_mU_min": jnp.zeros(()), "moments": jnp.zeros(3)}
     if by_equations(family):
-        return part(explicit_step, example_person(family), x, own, {"t_min": jnp.zeros(())})
-    return part(step, example_person(family), x, own)
+        return page_function(explicit_step, _example_person(family), x, own, {"t_min": jnp.zeros(())})
+    return page_function(step, _example_person(family), x, own)
 
 
 @functools.cache
-def gut_varies(family: str) -> list[bool]:
+def _gut_varies(family: str) -> list[bool]:
     """Whether each number of the gut differs between people."""
     nominal = next(iter(patients(family).values()))
     return varying(meal_model_of(_varied(family), None), meal_model_of(nominal, None))
@@ -276,10 +279,10 @@ def gut_varies(family: str) -> list[bool]:
 
 def gut_numbers(patient: SemilinearPatient, family: str) -> list[jax.Array]:
     """Numbers of a patient's gut, as a meal takes them."""
-    return chosen(meal_model_of(patient, None), gut_varies(family))
+    return chosen(meal_model_of(patient, None), _gut_varies(family))
 
 
-def meal_parts(family: str) -> dict[str, CompiledPart]:
+def meal_functions(family: str) -> dict[str, PageFunction]:
     """Functions of the meals of a family by their names, from what is eaten to the moments that the plant takes.
 
     Where meals superpose, it is one function: the moments of one meal over a step, which the page adds up. A gut that
@@ -288,8 +291,8 @@ def meal_parts(family: str) -> dict[str, CompiledPart]:
     """
     nominal = meal_model_of(next(iter(patients(family).values())), None)
     if isinstance(nominal, OdeMealModel):
-        return {"eaten": _eaten_part(), "gut": _gut_part(family, nominal)}
-    return {"meal": _superposed_part(family, nominal)}
+        return {"eaten": _eaten_function(), "gut": _gut_function(family, nominal)}
+    return {"meal": _superposed_function(family, nominal)}
 
 
 def _one_meal() -> Eaten:
@@ -302,33 +305,33 @@ def _as_meals(meal: Eaten) -> Eaten:
     return meals
 
 
-def _superposed_part(family: str, nominal: LinearMealModel) -> CompiledPart:
+def _superposed_function(family: str, nominal: LinearMealModel) -> PageFunction:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del own, rng
-        gut: LinearMealModel = replaced(nominal, gut_varies(family), person["gut"])
+        gut: LinearMealModel = replaced(nominal, _gut_varies(family), person["gut"])
         jumps = gut.jumps(_as_meals(person["meal"]))
         return carry, moments_of_jumps(gut, jumps, shared, SAMPLE_TIME_MIN / steps_of(family))
 
-    numbers = chosen(nominal, gut_varies(family))
-    return part(step, {"meal": _one_meal(), "gut": numbers}, (), (), jnp.zeros(()))
+    numbers = chosen(nominal, _gut_varies(family))
+    return page_function(step, {"meal": _one_meal(), "gut": numbers}, (), (), jnp.zeros(()))
 
 
-def _eaten_part() -> CompiledPart:
+def _eaten_function() -> PageFunction:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del own, rng
-        return carry, eaten_of(_as_meals(person["meal"]), shared[None], POINT_MIN)[0]
+        return carry, eaten_of(_as_meals(person["meal"]), shared[None], _POINT_MIN)[0]
 
-    return part(step, {"meal": _one_meal()}, (), (), jnp.zeros(()))
+    return page_function(step, {"meal": _one_meal()}, (), (), jnp.zeros(()))
 
 
-def _gut_part(family: str, nominal: OdeMealModel) -> CompiledPart:
+def _gut_function(family: str, nominal: OdeMealModel) -> PageFunction:
     steps, left = divmod(steps_of(family), GRID.inside_min.size)
     if left or np.any(nominal.init()):
         raise Refusal(f"the page cannot carry the gut of {family}: it starts at zero, with whole steps in each point")
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared, rng
-        gut: OdeMealModel = replaced(nominal, gut_varies(family), person)
-        return OdeDigestion(model=gut, substeps=steps, sample_time_min=POINT_MIN).sample(carry, own[None])
+        gut: OdeMealModel = replaced(nominal, _gut_varies(family), person)
+        return OdeDigestion(model=gut, substeps=steps, sample_time_min=_POINT_MIN).sample(carry, own[None])
 
-    return part(step, chosen(nominal, gut_varies(family)), nominal.init(), jnp.zeros(2))
+    return page_function(step, chosen(nominal, _gut_varies(family)), nominal.init(), jnp.zeros(2))

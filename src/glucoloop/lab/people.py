@@ -14,7 +14,7 @@ from jax.scipy.special import ndtri
 
 import glucoloop
 from glucoloop.component.setting import choices_text
-from glucoloop.lab.lowered_function import CompiledPart, part
+from glucoloop.lab.lowered_function import PageFunction, page_function
 from glucoloop.lab.patient_functions import (
     SEED,
     STEP_MIN,
@@ -38,33 +38,33 @@ from glucoloop.simulation.per_person_leaves import chosen
 from glucoloop.situations.population import named_population
 from glucoloop.threefry import name_word
 
-PEOPLE: Final = 10_000
+_MAX_PEOPLE: Final = 10_000
 """Largest number of people whom the page simulates at once."""
 _UNIFORM, _LOGNORMAL = DISTRIBUTIONS.index("uniform"), DISTRIBUTIONS.index("lognormal")
 _MAX_OPERATIONS: Final = 5000
 """Length of a person's function up to which it finds the rest too. The page has a shorter search for longer ones."""
 
 
-def draw_part() -> CompiledPart:
+def draw_function() -> PageFunction:
     """A parameter of a person by a uniform number, as `glucoloop.patients.variation` draws it."""
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del person, rng
         distribution = shared
         deviation = distribution["scale"] * ndtri(distribution["below"] + distribution["between"] * own)
-        drawn = jnp.where(
+        value = jnp.where(
             distribution["kind"] == _LOGNORMAL,
             distribution["centre"] * jnp.exp(deviation),
             distribution["centre"] + deviation,
         )
         flat = distribution["lower"] + (distribution["upper"] - distribution["lower"]) * own
         return carry, jnp.clip(
-            jnp.where(distribution["kind"] == _UNIFORM, flat, drawn), distribution["lower"], distribution["upper"]
+            jnp.where(distribution["kind"] == _UNIFORM, flat, value), distribution["lower"], distribution["upper"]
         )
 
     zero = jnp.zeros(())
     names = ("between", "below", "centre", "kind", "lower", "scale", "upper")
-    return part(step, (), (), zero, dict.fromkeys(names, zero))
+    return page_function(step, (), (), zero, dict.fromkeys(names, zero))
 
 
 def _distribution(distribution: Distribution) -> dict[str, float]:
@@ -82,19 +82,21 @@ def _distribution(distribution: Distribution) -> dict[str, float]:
 
 
 @functools.cache
-def person_part(family: str) -> CompiledPart:
+def person_function(family: str) -> PageFunction:
     """Function of a person's parameters that gives what the page needs of the person.
 
     These are the numbers of the patient and of the gut in which people differ, and the rates of insulin; and where rest
     is found in few operations, the basal rate, the state and glucose there, NaN if no rate holds the setpoint.
     """
-    with_rest = _person_part(family, rests=True)
+    with_rest = _person_function(family, rests=True)
     return (
-        with_rest if len(with_rest.scalar.program.operations) <= _MAX_OPERATIONS else _person_part(family, rests=False)
+        with_rest
+        if len(with_rest.scalar.program.operations) <= _MAX_OPERATIONS
+        else _person_function(family, rests=False)
     )
 
 
-def _person_part(family: str, *, rests: bool) -> CompiledPart:
+def _person_function(family: str, *, rests: bool) -> PageFunction:
     point = PATIENTS.find(family).usual_point
     setpoint_mg_dl = float(patients(family)[point].setpoint_mg_dl)
     states = plants(family)[point].matrices.driven_end.shape[0]
@@ -113,7 +115,7 @@ def _person_part(family: str, *, rests: bool) -> CompiledPart:
             result |= {"basal_insulin_mU_min": basal_insulin_mU_min, "x": x, "glucose_mg_dl": patient.glucose_mg_dl(x)}
         return carry, result
 
-    return part(step, (), (), [jnp.zeros(())] * len(names))
+    return page_function(step, (), (), [jnp.zeros(())] * len(names))
 
 
 def people_numbers(family: str) -> dict[str, Any]:
@@ -123,7 +125,7 @@ def people_numbers(family: str) -> dict[str, Any]:
         "population": people_of(family).name,
         "seed": SEED,
         "patient": patient_id(family, point),
-        "count": PEOPLE,
+        "count": _MAX_PEOPLE,
         "parameters": [
             {"word": name_word(f"parameter {name}"), "distribution": _distribution(distribution)}
             for name, distribution in people_of(family).distributions().items()
@@ -135,7 +137,7 @@ def people_numbers(family: str) -> dict[str, Any]:
     }
 
 
-MAX_OWN: Final = 200
+_MAX_OWN_PEOPLE: Final = 200
 """Largest number of people whom a page carries."""
 
 
@@ -144,18 +146,18 @@ def with_people(data: dict[str, Any], family: str, population: str) -> dict[str,
 
     Person by person they are those of ``glucoloop trial`` with the seed of the page. Of a file only the name is told.
     """
-    known = data["people"]
-    if family not in known:
-        raise Refusal(f"the page has no people around {family}; give --patient {choices_text(tuple(known))}")
+    families = data["people"]
+    if family not in families:
+        raise Refusal(f"the page has no people around {family}; give --patient {choices_text(tuple(families))}")
     people, names = named_population(population, family), list(people_of(family).distributions())
     if set(people.parameters) != set(names):
         raise Refusal(
             f"the people of {population} differ in {', '.join(people.parameters) or 'nothing'}; people of the page "
             f"differ in {', '.join(names)}: give a population that has each of these, as a twin of {family} has"
         )
-    count = min(people.most_people or MAX_OWN, MAX_OWN)
+    count = min(people.most_people or _MAX_OWN_PEOPLE, _MAX_OWN_PEOPLE)
     values = draw(people, SEED, np.arange(count)).values
-    given = np.stack([values[name] for name in names], axis=1).tolist()
-    own = {**known[family], "population": Path(population).name, "count": count, "given": given}
+    parameters = np.stack([values[name] for name in names], axis=1).tolist()
+    own = {**families[family], "population": Path(population).name, "count": count, "given": parameters}
     opens = {"glucoloop": glucoloop.__version__, "patient": family} | ({"follow": "0"} if count == 1 else {})
-    return {**data, "people": {**known, family: own}, "open": f"#{urlencode(opens)}"}
+    return {**data, "people": {**families, family: own}, "open": f"#{urlencode(opens)}"}

@@ -25,7 +25,7 @@ from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
 
 
-class RandomArray:
+class _RandomArray:
     """An array that depends only on random keys, so that it can be computed before the loop: its shape and type."""
 
     def __init__(self, aval: Any) -> None:
@@ -36,10 +36,10 @@ class RandomArray:
 class Drawing:
     """Computations from random keys before the loop, equation by equation."""
 
-    keys: Sequence[RandomArray]
-    equations: Sequence[tuple[Any, Sequence[Any], Sequence[RandomArray]]]
-    """Equation, its inputs (`RandomArray` or numbers), and its outputs."""
-    results: Sequence[RandomArray]
+    keys: Sequence[_RandomArray]
+    equations: Sequence[tuple[Any, Sequence[Any], Sequence[_RandomArray]]]
+    """Equation, its inputs (`_RandomArray` or numbers), and its outputs."""
+    results: Sequence[_RandomArray]
     """Arrays that the loop needs."""
 
     def __call__(self, *keys: Any) -> list[jax.Array]:
@@ -47,7 +47,7 @@ class Drawing:
         output: dict[int, Any] = {id(variable): key for variable, key in zip(self.keys, keys, strict=True)}
 
         def read(operand: Any) -> Any:
-            return output[id(operand)] if isinstance(operand, RandomArray) else operand
+            return output[id(operand)] if isinstance(operand, _RandomArray) else operand
 
         for equation, inputs, outputs in self.equations:
             results = primitives.bind(equation, [read(operand) for operand in inputs])
@@ -92,9 +92,9 @@ class Flattener:
     def __init__(self, program: Program, precision: str) -> None:
         self.program = program
         self._functions = Functions(program, precision)
-        self._equations: list[tuple[Any, Sequence[Any], Sequence[RandomArray]]] = []
-        self._keys: list[RandomArray] = []
-        self._random_arrays: dict[int, tuple[RandomArray, Values]] = {}
+        self._equations: list[tuple[Any, Sequence[Any], Sequence[_RandomArray]]] = []
+        self._keys: list[_RandomArray] = []
+        self._random_arrays: dict[int, tuple[_RandomArray, Values]] = {}
         self._rounds = LoopMaker(program)
 
     def input(self, name: tuple[str, int], aval: Any, level: int) -> Values:
@@ -103,12 +103,12 @@ class Flattener:
         flat = [self.program.input((*name, i), level, kind) for i in range(math.prod(aval.shape))]
         return np.array(flat, np.int64).reshape(aval.shape)
 
-    def random_input(self, aval: Any) -> RandomArray:
+    def random_input(self, aval: Any) -> _RandomArray:
         """A random input, such as a random key or the number of the sample, to draw values from before the loop.
 
         It stays outside the program. Values that the program needs from it become inputs; `drawing` computes them.
         """
-        key = RandomArray(aval)
+        key = _RandomArray(aval)
         self._keys.append(key)
         return key
 
@@ -120,7 +120,7 @@ class Flattener:
 
     def _values(self, operand: Any) -> Values:
         """Values of an array; an array that depends on random keys becomes an input."""
-        if not isinstance(operand, RandomArray):
+        if not isinstance(operand, _RandomArray):
             values: Values = operand
             return values
         if id(operand) not in self._random_arrays:
@@ -137,7 +137,7 @@ class Flattener:
         places = [self.program.constant(bool(n) if numbers.dtype == bool else float(n)) for n in flat]
         return np.array(places, np.int64).reshape(numbers.shape)
 
-    def run(self, closed: Any, arguments: Sequence[Values | RandomArray]) -> list[Values]:
+    def run(self, closed: Any, arguments: Sequence[Values | _RandomArray]) -> list[Values]:
         """Results of a function."""
         return [self._values(result) for result in self._run(closed, arguments)]
 
@@ -151,22 +151,22 @@ class Flattener:
 
         return primitives.evaluated(closed, arguments, self.constants, results_of)
 
-    def _postponed(self, equation: Any, inputs: list[Any]) -> list[RandomArray] | None:
+    def _postponed(self, equation: Any, inputs: list[Any]) -> list[_RandomArray] | None:
         """Postpone an equation that depends only on random keys."""
-        if not any(isinstance(operand, RandomArray) for operand in inputs) or equation.primitive.name.startswith(
+        if not any(isinstance(operand, _RandomArray) for operand in inputs) or equation.primitive.name.startswith(
             "custom_"
         ):
             return None  # a function with derivatives of its own is looked into
         numbers: list[Any] = []
         for operand, atom in zip(inputs, equation.invars, strict=True):
-            if isinstance(operand, RandomArray):
+            if isinstance(operand, _RandomArray):
                 numbers.append(operand)
             elif self._is_constant(operand):
                 flat = [self.program.constants[int(v)] for v in operand.ravel()]
                 numbers.append(jnp.asarray(np.array(flat).reshape(operand.shape), atom.aval.dtype))
             else:
                 return None
-        results = [RandomArray(variable.aval) for variable in equation.outvars]
+        results = [_RandomArray(variable.aval) for variable in equation.outvars]
         self._equations.append((equation, numbers, results))
         return results
 
@@ -202,7 +202,8 @@ class Flattener:
 
     def _reduce(self, operation: str, array: Values, axes: Sequence[int], start: float | bool = 0.0) -> Values:
         remaining = [axis for axis in range(array.ndim) if axis not in axes]
-        rows = array.transpose(*remaining, *axes).reshape(*(array.shape[axis] for axis in remaining), -1)
+        shape, terms_a_row = [array.shape[axis] for axis in remaining], math.prod(array.shape[axis] for axis in axes)
+        rows = array.transpose(*remaining, *axes).reshape(math.prod(shape), terms_a_row)
         do = functools.partial(self.program.apply, operation)
 
         def total(row: Values) -> Value:
@@ -211,8 +212,7 @@ class Flattener:
                 terms = [functools.reduce(do, terms[i : i + 2]) for i in range(0, len(terms), 2)]
             return functools.reduce(do, terms)
 
-        flat = [total(row) for row in rows.reshape(-1, rows.shape[-1])]
-        return np.array(flat, np.int64).reshape(rows.shape[:-1])
+        return np.array([total(row) for row in rows], np.int64).reshape(shape)
 
     def _do_cumsum(self, equation: Any, a: Values) -> Values:
         axis, reverse = primitives.running(equation)

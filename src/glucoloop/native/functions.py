@@ -6,7 +6,7 @@ and sums the series of the inverse hyperbolic tangent. `sin` and `cos` take mult
 rounding, `atan2` is a polynomial up to the tangent of pi/8, and `cbrt` two steps of Newton's method. Against NumPy they
 differ by a few units in the last place. `rem` and what makes numbers whole are exact.
 
-Arguments so large that more digits would be needed give what is not a number: `sin`, `cos` and `tan` beyond 2.2e14
+Arguments so large that more digits would be needed give NaN: `sin`, `cos` and `tan` beyond 2.2e14
 (4.1e5 in single precision), and `rem` with a quotient beyond 2^50 (2^21).
 
 References
@@ -227,7 +227,7 @@ class Functions:
         return self._do("div", 1.0, self._do("add", self("exp", self._do("neg", x)), 1.0))
 
     def log(self, x: Value) -> Value:
-        """The natural logarithm; minus infinity at zero, not a number below."""
+        """The natural logarithm; minus infinity at zero, NaN below."""
         do = self._do
         mantissa, exponent = do("mantissa", x), do("exponent", x)
         high = do("lt", math.sqrt(2.0), mantissa)
@@ -279,7 +279,7 @@ class Functions:
         return self._rounded(x, self._do("add", below, up))
 
     def sign(self, x: Value) -> Value:
-        """1 or -1, or x itself if it is zero or not a number."""
+        """1 or -1, or x itself if it is zero or NaN."""
         low = self._do("select", self._do("lt", x, 0.0), -1.0, x)
         return self._do("select", self._do("lt", 0.0, x), 1.0, low)
 
@@ -288,7 +288,7 @@ class Functions:
         return self._do("neg", self._do("floor", self._do("neg", x)))
 
     def whole(self, x: Value) -> Value:
-        """The whole number next to x towards zero, within `FURTHEST_WHOLE`; zero of what is not a number."""
+        """The whole number next to x towards zero, within `FURTHEST_WHOLE`; zero for NaN."""
         near = self._do("select", self._do("eq", x, x), self._limited(x, FURTHEST_WHOLE), 0.0)
         below = self._do("floor", near)
         cut = self._do("and", self._do("lt", near, 0.0), self._do("ne", below, near))
@@ -349,20 +349,20 @@ class Functions:
         return sine, cosine, do("exact_sub", n, turns)
 
     def sin(self, x: Value) -> Value:
-        """The sine; not a number where x is too large for it."""
+        """The sine; NaN where x is too large for it."""
         do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
         size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), cosine, sine)
         size = do("select", do("lt", n, 2.0), size, do("neg", size))
         return do("mul", size, do("copy_sign", 1.0, x))
 
     def cos(self, x: Value) -> Value:
-        """The cosine; not a number where x is too large for it."""
+        """The cosine; NaN where x is too large for it."""
         do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
         size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), sine, cosine)
         return do("select", do("or", do("eq", n, 1.0), do("eq", n, 2.0)), do("neg", size), size)
 
     def tan(self, x: Value) -> Value:
-        """The tangent; not a number where x is too large for it."""
+        """The tangent; NaN where x is too large for it."""
         return self._do("div", self("sin", x), self("cos", x))
 
     def atan2(self, y: Value, x: Value) -> Value:

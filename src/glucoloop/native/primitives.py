@@ -164,7 +164,7 @@ def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray
 
 
 @dataclass(frozen=True)
-class Scan:
+class _Scan:
     """A loop of known length. Its inputs are constants, what is carried, and what is taken row by row, in this order.
 
     Each round takes the constants, what is carried and a row; it gives what is carried on, and a row of results.
@@ -179,7 +179,7 @@ class Scan:
     """Number of inputs that are carried."""
 
 
-def scan(equation: Any) -> Scan:
+def scan(equation: Any) -> _Scan:
     """The parts of a ``scan``."""
     params = equation.params
     if "num_consts" in params and "num_carry" in params:  # up to JAX 0.10
@@ -191,7 +191,7 @@ def scan(equation: Any) -> Scan:
             raise _unknown(equation) from None
         if constants + carry + rows != len(equation.invars):
             raise _unknown(equation)
-    return Scan(
+    return _Scan(
         round=_closed(_parameter(equation, "jaxpr")),
         length=_parameter(equation, "length"),
         reverse=_parameter(equation, "reverse"),
@@ -201,7 +201,7 @@ def scan(equation: Any) -> Scan:
 
 
 def rounds(
-    loop: Scan, inputs: Sequence[npt.NDArray[Any]], results_of: Callable[[list[npt.NDArray[Any]]], list[Any]]
+    loop: _Scan, inputs: Sequence[npt.NDArray[Any]], results_of: Callable[[list[npt.NDArray[Any]]], list[Any]]
 ) -> list[npt.NDArray[Any]]:
     """Results of a loop on arrays, from the results of one round after another."""
     constants, rest = inputs[: loop.constants], inputs[loop.constants :]
@@ -272,7 +272,7 @@ def new_dtype(equation: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Product:
+class _Product:
     """The axes of the two factors of a product of arrays."""
 
     summed: tuple[tuple[int, ...], tuple[int, ...]]
@@ -283,7 +283,7 @@ class Product:
     """The other axes of the left and of the right factor."""
 
 
-def dot_general(equation: Any) -> Product:
+def dot_general(equation: Any) -> _Product:
     """The axes of a ``dot_general``, whose result has those in common, then the free ones."""
     summed, batched = _parameter(equation, "dimension_numbers")
     axes = (range(len(factor.aval.shape)) for factor in equation.invars)
@@ -291,7 +291,7 @@ def dot_general(equation: Any) -> Product:
         tuple(axis for axis in of_each if axis not in (*contracted, *common))
         for of_each, contracted, common in zip(axes, summed, batched, strict=True)
     )
-    return Product(summed=summed, batched=batched, free=(left, right))
+    return _Product(summed=summed, batched=batched, free=(left, right))
 
 
 def gathered(
@@ -360,7 +360,7 @@ def running(equation: Any) -> tuple[int, bool]:
 
 
 @dataclass(frozen=True)
-class Triangular:
+class _Triangular:
     """Flags of a ``triangular_solve``."""
 
     left: bool
@@ -370,10 +370,10 @@ class Triangular:
     unit_diagonal: bool
 
 
-def triangular(equation: Any) -> Triangular:
+def triangular(equation: Any) -> _Triangular:
     """The flags of a ``triangular_solve``."""
     names = ("left_side", "lower", "transpose_a", "unit_diagonal")
-    return Triangular(*(bool(_parameter(equation, name)) for name in names))
+    return _Triangular(*(bool(_parameter(equation, name)) for name in names))
 
 
 def solver(equation: Any) -> tuple[Any, list[int]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
-from glucoloop.pumps.limits import LimitedPump
-from glucoloop.pumps.protocol import Delivery, Pump, deliver
-from glucoloop.pumps.settings import ExpiringSettings
+from glucoloop.component.pytree_component import DATA
+from glucoloop.component.setting import About
+from glucoloop.pumps.limits import PumpAround
+from glucoloop.pumps.protocol import Delivery, deliver
 
 
 def rate_in_force(
@@ -28,18 +29,17 @@ class _State:
     basal_mU_min: jax.Array
 
 
-@pytree
-class Expiring:
-    """Keeps the last command for some samples and then gives the basal rate; make it with `expiring`.
+class Expiring(PumpAround, name="expiring"):
+    """Returns to the basal rate if no command arrives for some samples.
 
-    NaN means that no command arrived. The inner pump keeps its limits on the way back to the basal rate, and the report
-    is what it delivers. A bolus is given only at the sample in which it arrives, and never again while its command
-    holds.
+    It keeps the last command until then; with 2 samples, one lost command changes nothing. NaN means that no command
+    arrived. The inner pump keeps its limits on the way back to the basal rate, and the report is what it delivers. A
+    bolus is given only at the sample in which it arrives, and never again while its command holds.
     """
 
-    inner: Pump
-    samples: jax.Array | float
-    """Number of samples for which a command holds, the one in which it came included."""
+    samples: Annotated[
+        int, About("Samples for which a command holds, the one in which it arrives included.", at_least=1), DATA
+    ] = 2
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> _State:
         """State in which the rate that has been delivered for long is the basal rate."""
@@ -61,21 +61,3 @@ class Expiring:
         bolus = None if bolus_mU is None else jnp.where(heard, bolus_mU, 0.0)
         inner, delivery = deliver(self.inner, state.inner, rate, key, bolus)
         return _State(inner=inner, command_mU_min=command, unheard=unheard, basal_mU_min=state.basal_mU_min), delivery
-
-
-def expiring(samples: int = 2, inner: Pump | None = None) -> Expiring:
-    """Pump whose commands expire.
-
-    Parameters
-    ----------
-    samples : int
-        Number of samples for which a command holds, the one in which it came included; with 2, one lost command changes
-        nothing.
-
-    Raises
-    ------
-    ValueError
-        Unless `samples` is a whole number of 1 or more.
-    """
-    ExpiringSettings(samples=samples)
-    return Expiring(inner=LimitedPump() if inner is None else inner, samples=float(samples))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked
-from glucoloop.pumps.limits import LimitedPump
-from glucoloop.pumps.protocol import Delivery, Pump, deliver
-from glucoloop.pumps.settings import InfusionSetSettings
+from glucoloop._pytree import pytree
+from glucoloop.component.pytree_component import HOST, derived, derived_static
+from glucoloop.component.setting import About
+from glucoloop.pumps.limits import PumpAround
+from glucoloop.pumps.protocol import Delivery, deliver
 from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_DAY
+
+_LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
 
 _AGE: Final = 0x53495445
 """Number by which the key of the age at the start differs from that of the inner pump."""
@@ -24,26 +27,70 @@ class _State:
     """Samples from the change of the set to the coming one."""
 
 
-@pytree
-class InfusionSet:
-    """Loses a part of rate and bolus that grows with the wear; make it with `infusion_set`.
+class InfusionSet(PumpAround, name="infusion-set"):
+    """Loses more insulin the longer its infusion set is worn, until it is changed.
 
-    The lost part is 0 while the set is sound, and then grows evenly to its largest at the change. The pump reports what
-    it drives.
+    The lost part of rate and bolus is 0 while the set is sound, and then grows evenly to its largest at the change. The
+    pump reports what it drives. Times are rounded up to samples.
     """
 
-    inner: Pump
-    loss: jax.Array | float
-    """Largest part that is lost."""
-    wear: int = static()
-    """Samples from one change to the next."""
-    sound: int = static()
-    """Samples after a change without loss."""
-    worn: int | None = static()
-    """Samples since the change at the start; None for a number that is drawn."""
+    wear_min: Annotated[
+        float, About("Time from one change of the set to the next.", above=0.0, at_most=_LONGEST_WEAR_MIN), HOST
+    ] = 3.0 * MIN_PER_DAY
+    sound_min: Annotated[
+        float, About("Time after a change in which nothing is lost.", at_least=0.0, at_most=_LONGEST_WEAR_MIN), HOST
+    ] = 1.5 * MIN_PER_DAY
+    loss_pct: Annotated[
+        float,
+        About("Part of the insulin that is lost at the end of the wear.", at_least=0.0, at_most=100.0),
+        HOST,
+    ] = 20.0
+    worn_min: Annotated[
+        float | None,
+        About(
+            "Time since the change at the start; by default drawn for each person.",
+            at_least=0.0,
+            at_most=_LONGEST_WEAR_MIN,
+        ),
+        HOST,
+    ] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("sound_min", "worn_min"):
+            minutes = getattr(self, name)
+            if minutes is not None and minutes >= self.wear_min:
+                raise Refusal(
+                    f"{name} is {minutes:g} min, but the set is changed after {self.wear_min:g} min; give less"
+                )
+
+    @derived
+    def loss(self) -> float:
+        """Largest part that is lost."""
+        return self.loss_pct / 100.0
+
+    @derived_static
+    def wear(self) -> int:
+        """Samples from one change to the next."""
+        return max(1, self._samples(self.wear_min))
+
+    @derived_static
+    def sound(self) -> int:
+        """Samples after a change without loss."""
+        return min(self._samples(self.sound_min), self.wear)
+
+    @derived_static
+    def worn(self) -> int | None:
+        """Samples since the change at the start; None for a number that is drawn."""
+        if self.worn_min is None:
+            return None
+        return min(math.floor(self.worn_min / self.sample_time_min + 1e-9), self.wear - 1)
+
+    def _samples(self, minutes: float) -> int:
+        return math.ceil(minutes / self.sample_time_min - 1e-9)
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> _State:
-        """State before the first command; unless it is given, the time since the change is drawn."""
+        """State before the first command; unless it is set, the time since the change is drawn."""
         shape, dtype = jnp.shape(insulin_mU_min), jnp.result_type(float, insulin_mU_min)
         if self.worn is None:
             drawn = jax.random.uniform(jax.random.fold_in(key, _AGE), shape, dtype)
@@ -66,48 +113,3 @@ class InfusionSet:
             bolus_mU=None if driven.bolus_mU is None else taken_up * driven.bolus_mU,
             reported_bolus_mU=driven.reported_bolus_mU,
         )
-
-
-@checked
-def infusion_set(
-    wear_min: float = 4320.0,
-    sound_min: float = 2160.0,
-    loss_pct: float = 20.0,
-    worn_min: float | None = None,
-    inner: Pump | None = None,
-    *,
-    sample_time_min: float = 5.0,
-) -> InfusionSet:
-    """Pump whose infusion set is worn and changed.
-
-    Parameters
-    ----------
-    wear_min : float
-        Time from one change to the next, rounded up to samples.
-    sound_min : float
-        Time after a change in which nothing is lost.
-    loss_pct : float
-        Part of the insulin that is lost at the end of the wear.
-    worn_min : float, optional
-        Time since the change at the start; by default drawn for each person.
-
-    Raises
-    ------
-    ValueError
-        For a setting beyond its bounds, or settings at odds with one another.
-    """
-    InfusionSetSettings(wear_min=wear_min, sound_min=sound_min, loss_pct=loss_pct, worn_min=worn_min)
-    if not 0.0 < sample_time_min < math.inf:
-        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite one above 0 min")
-
-    def samples(minutes: float) -> int:
-        return math.ceil(minutes / sample_time_min - 1e-9)
-
-    wear = max(1, samples(wear_min))
-    return InfusionSet(
-        inner=LimitedPump() if inner is None else inner,
-        loss=loss_pct / 100.0,
-        wear=wear,
-        sound=min(samples(sound_min), wear),
-        worn=None if worn_min is None else min(math.floor(worn_min / sample_time_min + 1e-9), wear - 1),
-    )

@@ -1,17 +1,26 @@
-"""Limits of a pump: the constraints (17) and (18) of Parker, Doyle and Peppas (1999), and those of a bolus."""
+"""Limits of a pump: the constraints (17) and (18) of Parker, Doyle and Peppas (1999), and those of a bolus.
+
+Every pump has them as settings; `LimitedPump` keeps them, alone or inside another pump.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import Final
+from collections.abc import Mapping
+from dataclasses import KW_ONLY
+from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.component.effects import BOLUSES
+from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, wired
 from glucoloop.component.routes import PUMP_OF_1999
-from glucoloop.pumps.protocol import Delivery
+from glucoloop.component.setting import About, known_names
+from glucoloop.pumps.protocol import Delivery, Pump
 from glucoloop.refusal import Refusal
-from glucoloop.unit_guess import LARGEST_RATE, RATE_CHANGE, refuse_unusual
+from glucoloop.unit_guess import BOLUS_STEP, LARGEST_BOLUS, LARGEST_RATE, RATE_CHANGE, RATE_STEP, refuse_unusual
 from glucoloop.units import MU_PER_U
 
 
@@ -134,15 +143,102 @@ def bolus_limits(*, max_U: float = 25.0, min_U: float = 0.05, step_U: float = 0.
     return BolusLimits(max_mU=MU_PER_U * max_U, min_mU=MU_PER_U * min_U, step_mU=MU_PER_U * step_U)
 
 
-@pytree
-class LimitedPump:
-    """Clips rate of change and magnitude of the basal rate, and keeps the limits of a bolus.
+_limit: Final = functools.partial(About, at_most=10_000.0)
+_bolus: Final = functools.partial(About, at_most=1000.0, needs=(BOLUSES,))
 
-    A commanded rate that is not a number moves toward the least rate. A bolus does not count as a change of the rate.
+
+class PumpPart(PytreeComponent):
+    """A pump with its limits, `init` and `deliver`; one around another extends `PumpAround`."""
+
+    kind: ClassVar = "pump"
+    own_limits: ClassVar[Mapping[str, float]] = {}
+    """Limits of the pump by setting, where they are not those usual for the patient. With this pump they are the
+    defaults of a run, so that controllers, guard and metrics know them."""
+
+    _: KW_ONLY
+    max_change_mU_min: Annotated[
+        float | None,
+        _limit("Largest change of the rate from one sample to the next; that of the patient's pump.", above=0.0),
+        HOST,
+    ] = None
+    min_insulin_mU_min: Annotated[
+        float | None,
+        _limit("Least rate of the pump; that of the patient's pump.", at_least=0.0),
+        HOST,
+    ] = None
+    max_insulin_mU_min: Annotated[
+        float | None,
+        _limit("Greatest rate of the pump; that of the patient's pump.", above=0.0),
+        HOST,
+    ] = None
+    resolution_mU_min: Annotated[
+        float | None,
+        _limit("Smallest step of the rate; any rate by default.", above=0.0, quantity=RATE_STEP),
+        HOST,
+    ] = None
+    max_bolus_U: Annotated[float, _bolus("Largest bolus of the pump.", above=0.0, quantity=LARGEST_BOLUS), HOST] = 25.0
+    min_bolus_U: Annotated[
+        float,
+        _bolus("Least bolus that the pump gives; a smaller one is not given.", at_least=0.0, quantity=BOLUS_STEP),
+        HOST,
+    ] = 0.05
+    bolus_step_U: Annotated[
+        float,
+        _bolus("Step of a bolus, which is rounded down to whole ones.", above=0.0, quantity=BOLUS_STEP),
+        HOST,
+    ] = 0.05
+    sample_time_min: float = wired(HOST, default=5.0)
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        for key in cls.own_limits:
+            if key not in PumpPart.settings():
+                raise TypeError(f"the pump {cls.name} has a limit {key!r}; {known_names(key, PumpPart.settings())}")
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.sample_time_min < math.inf:
+            raise Refusal(
+                f"a sample time of {self.sample_time_min:g} min is not possible; give a finite one above 0 min"
+            )
+
+    def _limits(self) -> tuple[DoseLimits, BolusLimits]:
+        """Limits of the settings, of the class, and of the paper."""
+        defaults = {name: setting.default.noise_free for name, setting in PumpPart.settings().items()}
+        values = {name: value for name, value in self.values().items() if value != defaults.get(name)}
+        settings = {**defaults, **self.own_limits, **values}
+
+        def rate(name: str, default: Any) -> Any:
+            return default if settings[name] is None else settings[name]
+
+        paper = PARKER_1999_LIMITS
+        return DoseLimits(
+            max_change_mU_min=rate("max_change_mU_min", paper.max_change_mU_min),
+            min_mU_min=rate("min_insulin_mU_min", paper.min_mU_min),
+            max_mU_min=rate("max_insulin_mU_min", paper.max_mU_min),
+        ), BolusLimits(
+            max_mU=MU_PER_U * settings["max_bolus_U"],
+            min_mU=MU_PER_U * settings["min_bolus_U"],
+            step_mU=MU_PER_U * settings["bolus_step_U"],
+        )
+
+
+class LimitedPump(PumpPart, name="limited"):
+    """Keeps its limits.
+
+    It clips rate of change and magnitude of the basal rate, and keeps the limits of a bolus. A commanded rate that is
+    not a number moves toward the least rate. A bolus does not count as a change of the rate.
     """
 
-    limits: DoseLimits = PARKER_1999_LIMITS
-    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS
+    _: KW_ONLY
+    limits: DoseLimits = wired(DATA, default=None)
+    """Limits of the rate; by default those of the settings."""
+    bolus: BolusLimits = wired(DATA, default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, limits in zip(("limits", "bolus"), self._limits(), strict=True):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, limits)
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> jax.Array:
         """State of the pump: the last delivered rate."""
@@ -158,3 +254,16 @@ class LimitedPump:
         return delivered, Delivery(
             insulin_mU_min=delivered, reported_mU_min=delivered, bolus_mU=bolus, reported_bolus_mU=bolus
         )
+
+
+class PumpAround(PumpPart):
+    """A pump around another one, its ``inner``, by default one that keeps the limits."""
+
+    _: KW_ONLY
+    inner: Pump = wired(DATA, default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.inner is None:
+            limits, bolus = self._limits()
+            object.__setattr__(self, "inner", LimitedPump(limits=limits, bolus=bolus))

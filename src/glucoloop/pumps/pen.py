@@ -9,18 +9,20 @@ as the rate of a pump does.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from dataclasses import KW_ONLY
+from typing import Annotated, Any, Final, Literal
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked
-from glucoloop.pumps.limits import LimitedPump
-from glucoloop.pumps.protocol import Delivery, Pump, deliver
-from glucoloop.pumps.settings import LongActing, PenSettings
-from glucoloop.refusal import Refusal
+from glucoloop._pytree import pytree
+from glucoloop.component.pytree_component import HOST, STATIC, derived, derived_static, wired
+from glucoloop.component.setting import About
+from glucoloop.pumps.limits import PumpAround
+from glucoloop.pumps.protocol import Delivery, deliver
 from glucoloop.therapy import insulin_left
+from glucoloop.unit_guess import BOLUS_STEP
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U
 
+LongActing = Literal["glargine", "glargine-u300", "detemir", "degludec"]
 LONG_ACTING: Final[dict[LongActing, tuple[float, float, float]]] = {
     "glargine": (22.0, 12.0, 2.5),
     "glargine-u300": (24.0, 14.0, 2.5),
@@ -42,20 +44,65 @@ class _State:
     """Basal insulin that was asked for since the newest injection."""
 
 
-@pytree
-class Pen:
-    """Injects basal insulin some times a day, and boluses when they are asked for; make it with `pen`."""
+class Pen(PumpAround, name="pen"):
+    """Pens: the basal rate is injected as long-acting insulin, and boluses in steps of half a unit.
 
-    inner: Pump
-    dose_step_mU: jax.Array | float
-    action_min: float = static()
-    """Time from an injection of long-acting insulin to the end of its action."""
-    peak_min: float = static()
-    every: int = static()
-    """Samples from one injection to the next."""
-    first: int = static()
-    """Samples from the start to the first injection."""
-    sample_time_min: float = static()
+    Injections are some times a day, and a long-acting dose is the basal insulin that was requested since the last one.
+
+    Examples
+    --------
+    >>> round(Pen("glargine", dose_U_kg=0.25).action_min / 60.0)
+    25
+    """
+
+    insulin: Annotated[LongActing, About("Long-acting insulin."), HOST] = "glargine"
+    injections: Annotated[int, About("Injections of it a day, at even distances.", at_least=1, at_most=4), HOST] = 1
+    at_min: Annotated[
+        float,
+        About("Time of one of the daily injections, from the start; 22h.", at_least=0.0, below=MIN_PER_DAY),
+        HOST,
+    ] = 1320.0
+    dose_step_U: Annotated[
+        float,
+        About("Step to which a long-acting dose is rounded.", above=0.0, at_most=10.0, quantity=BOLUS_STEP),
+        HOST,
+    ] = 0.5
+    dose_U_kg: Annotated[
+        float,
+        About("Daily dose in U for each kg, from which the duration of the action follows.", above=0.0, at_most=3.0),
+        HOST,
+    ] = 0.25
+
+    _: KW_ONLY
+    min_bolus_U: float = 0.5
+    bolus_step_U: float = 0.5
+    sample_time_min: float = wired(STATIC, default=5.0)
+
+    @derived
+    def dose_step_mU(self) -> float:
+        """Step of a long-acting dose."""
+        return MU_PER_U * self.dose_step_U
+
+    @derived_static
+    def action_min(self) -> float:
+        """Time from an injection of long-acting insulin to the end of its action."""
+        hours, per_U_kg, _ = LONG_ACTING[self.insulin]
+        return MIN_PER_H * (hours + per_U_kg * self.dose_U_kg / self.injections)
+
+    @derived_static
+    def peak_min(self) -> float:
+        """Time from an injection to the largest action."""
+        return self.action_min / LONG_ACTING[self.insulin][2]
+
+    @derived_static
+    def every(self) -> int:
+        """Samples from one injection to the next."""
+        return max(1, round(MIN_PER_DAY / self.injections / self.sample_time_min))
+
+    @derived_static
+    def first(self) -> int:
+        """Samples from the start to the first injection."""
+        return round(self.at_min / self.sample_time_min) % self.every
 
     @property
     def _every_min(self) -> float:
@@ -102,56 +149,3 @@ class Pen:
     def _rounded(self, dose_mU: jax.Array) -> jax.Array:
         """The nearest dose of whole steps."""
         return jnp.floor(dose_mU / self.dose_step_mU + 0.5) * self.dose_step_mU
-
-
-@checked
-def pen(
-    insulin: LongActing = "glargine",
-    injections: int = 1,
-    at_min: float = 1320.0,
-    dose_step_U: float = 0.5,
-    dose_U_kg: float = 0.25,
-    inner: Pump | None = None,
-    *,
-    sample_time_min: float = 5.0,
-) -> Pen:
-    """Pens with a long-acting and a rapid-acting insulin.
-
-    Parameters
-    ----------
-    insulin : str
-        Long-acting insulin: glargine, glargine-u300, detemir or degludec.
-    injections : int
-        Injections of it a day, at even distances.
-    at_min : float
-        Time of one of the daily injections, from the start.
-    dose_step_U : float
-        Step to which a long-acting dose is rounded.
-    dose_U_kg : float
-        Daily dose for each kg of body weight from which the duration of the action follows.
-
-    Raises
-    ------
-    ValueError
-        For a setting beyond its bounds.
-
-    Examples
-    --------
-    >>> round(pen("glargine", dose_U_kg=0.25).action_min / 60.0)
-    25
-    """
-    PenSettings(insulin=insulin, injections=injections, at_min=at_min, dose_step_U=dose_step_U, dose_U_kg=dose_U_kg)
-    if not 0.0 < sample_time_min < math.inf:
-        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite one above 0 min")
-    hours, per_U_kg, to_peak = LONG_ACTING[insulin]
-    action_min = MIN_PER_H * (hours + per_U_kg * dose_U_kg / injections)
-    every = max(1, round(MIN_PER_DAY / injections / sample_time_min))
-    return Pen(
-        inner=LimitedPump() if inner is None else inner,
-        dose_step_mU=MU_PER_U * dose_step_U,
-        action_min=action_min,
-        peak_min=action_min / to_peak,
-        every=every,
-        first=round(at_min / sample_time_min) % every,
-        sample_time_min=sample_time_min,
-    )

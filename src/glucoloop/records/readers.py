@@ -64,7 +64,7 @@ class Nightscout(ReaderPart, name="nightscout"):
 
     def with_zone(self, content: FileText, answers: Answers) -> Answers | None:
         """Answers with the profiles that a file holds."""
-        result: Answers | None = loaded(f"{self.home}:told")(content, answers)
+        result: Answers | None = loaded(f"{self.home}:with_zone")(content, answers)
         return result
 
 

@@ -177,11 +177,11 @@ def draw_bands(
 ) -> list[Artist]:
     """Bands, each from a lower to an upper edge with its opacity, and the median over them; in steps if held."""
     step: Literal["post"] | None = "post" if stepwise else None
-    drawn: list[Artist] = [
+    artists: list[Artist] = [
         axes.fill_between(t, low, high, step=step, color=style["color"], alpha=opacity, linewidth=0.0, zorder=2)
         for low, high, opacity in bands
     ]
-    return [*drawn, *axes.plot(t, median, **style, drawstyle="steps-post" if stepwise else "default", zorder=3)]
+    return [*artists, *axes.plot(t, median, **style, drawstyle="steps-post" if stepwise else "default", zorder=3)]
 
 
 def add_legend(figure: Figure, entries: Mapping[str, Artist], width: Width) -> None:

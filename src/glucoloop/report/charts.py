@@ -114,9 +114,9 @@ def _differences(values: Floats, step: float) -> list[int | None]:
     return whole
 
 
-def extent(*shown: npt.ArrayLike) -> tuple[float, float]:
+def extent(*series: npt.ArrayLike) -> tuple[float, float]:
     """Least and greatest finite value of arrays, at least one apart."""
-    values = np.concatenate([np.ravel(np.asarray(part, float)) for part in shown])
+    values = np.concatenate([np.ravel(np.asarray(part, float)) for part in series])
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     return low, max(high, low + 1.0)

@@ -143,8 +143,8 @@ def measured(people: pl.DataFrame, cells: pl.DataFrame, columns: Sequence[Column
 
 def headings(columns: Iterable[Column]) -> list[tuple[str, list[Column]]]:
     """The columns of the page below the headings that they share."""
-    shown = [column for column in columns if column.group or column.head]
-    return [(group, list(alike)) for group, alike in groupby(shown, lambda column: column.group)]
+    visible = [column for column in columns if column.group or column.head]
+    return [(group, list(alike)) for group, alike in groupby(visible, lambda column: column.group)]
 
 
 def terminal_table(
@@ -163,7 +163,7 @@ def terminal_table(
     from rich.table import Table
     from rich.text import Text
 
-    shown = [column for column in columns if column.short is not None]
+    visible = [column for column in columns if column.short is not None]
     caption_text = Text(in_shown_units(caption)) if caption else None
     table = Table(
         box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, caption=caption_text, caption_justify="left"
@@ -173,9 +173,9 @@ def terminal_table(
     word = max((len(word) for name in names for word in name.split()), default=0)
     table.add_column(head, vertical="bottom", overflow="fold", min_width=word + titled)
     lines = [rows for _, lines in sections for _, rows in lines]
-    texts = {column.name: _side_by_side(column, lines) for column in shown}
-    shown = [column for column in shown if any(texts[column.name])]
-    for column in shown:
+    texts = {column.name: _side_by_side(column, lines) for column in visible}
+    visible = [column for column in visible if any(texts[column.name])]
+    for column in visible:
         table.add_column(
             Text(heading_shown(column.short or "")),
             justify="left" if column.left else "right",
@@ -191,10 +191,10 @@ def terminal_table(
             # Text, since square brackets in a label would be taken for markup
             table.add_row(Text(section, "bold"))
         for name, rows in of_section:
-            cells = (Text(texts[c.name][place], "bold" if c.strong(rows[-1]) else "") for c in shown)
+            cells = (Text(texts[c.name][place], "bold" if c.strong(rows[-1]) else "") for c in visible)
             table.add_row(Text(f"{' ' if section else ''}{name}"), *cells)
             place += 1
-    return FittingTable(table, (head, *map(_short_with_unit, shown)))
+    return FittingTable(table, (head, *map(_short_with_unit, visible)))
 
 
 def _short_with_unit(column: Column) -> str:

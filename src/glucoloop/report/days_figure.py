@@ -70,43 +70,43 @@ class DaysShown:
         return _LOWEST_MG_DL, min(_LARGEST_MG_DL, max(_MIN_TOP_MG_DL, 1.05 * highest))
 
 
-def days_plot(shown: DaysShown, band: str) -> Plot:
+def days_plot(days: DaysShown, band: str) -> Plot:
     """Picture of a page with the same days; `band` says what the bands hold."""
-    start = shown.t_min[0]
-    t_min = shown.t_min - start
-    panel = Panel(GLUCOSE, shown.range_mg_dl, height=330, band=_TARGET_MG_DL, marks=shown.marks)
-    for place, (name, trajectory) in enumerate(shown.course_mg_dl.items()):
-        if name in shown.band_mg_dl:
-            panel.area(t_min, *shown.band_mg_dl[name], place, f"{band}, {name}")
+    start = days.t_min[0]
+    t_min = days.t_min - start
+    panel = Panel(GLUCOSE, days.range_mg_dl, height=330, band=_TARGET_MG_DL, marks=days.marks)
+    for place, (name, trajectory) in enumerate(days.course_mg_dl.items()):
+        if name in days.band_mg_dl:
+            panel.area(t_min, *days.band_mg_dl[name], place, f"{band}, {name}")
         panel.line(t_min, trajectory, place, name=name, dash=place)
-    readings = len(shown.course_mg_dl)
-    panel.line(t_min, shown.reading_mg_dl, readings, name="readings", dash=readings)
-    first = shown.first + dt.timedelta(minutes=float(start))
-    return Plot(f"Glucose from {shown.begins}", float(t_min[-1]), [panel], start_min=60.0 * first.hour + first.minute)
+    readings = len(days.course_mg_dl)
+    panel.line(t_min, days.reading_mg_dl, readings, name="readings", dash=readings)
+    first = days.first + dt.timedelta(minutes=float(start))
+    return Plot(f"Glucose from {days.begins}", float(t_min[-1]), [panel], start_min=60.0 * first.hour + first.minute)
 
 
-def plot_days(shown: DaysShown) -> Figure:
+def plot_days(days: DaysShown) -> Figure:
     """Draw readings as dots, and each course as a line with its band."""
-    t_min = shown.t_min - shown.t_min[0]
+    t_min = days.t_min - days.t_min[0]
     divisor, unit, tick = time_axis(float(t_min[-1]), "double")
     figure = new_figure("double", _HEIGHT_MM, None)
     axes = figure.subplots()
     for bound in _TARGET_MG_DL:
         axes.axhline(bound, **SETPOINT)
-    axes.plot(t_min / divisor, shown.reading_mg_dl, ".", color=GREY, markersize=2.0, label="readings")
-    for place, (name, trajectory) in enumerate(shown.course_mg_dl.items()):
+    axes.plot(t_min / divisor, days.reading_mg_dl, ".", color=GREY, markersize=2.0, label="readings")
+    for place, (name, trajectory) in enumerate(days.course_mg_dl.items()):
         style = line_style(place)
-        if name in shown.band_mg_dl:
-            low, high = shown.band_mg_dl[name]
+        if name in days.band_mg_dl:
+            low, high = days.band_mg_dl[name]
             axes.fill_between(t_min / divisor, low, high, color=style["color"], alpha=0.2, linewidth=0.0)
         axes.plot(t_min / divisor, trajectory, label=name, **style)
-    axes.set(xlim=(0.0, t_min[-1] / divisor), ylim=shown.range_mg_dl, ylabel="Glucose (mg/dl)")
-    axes.set_xlabel(f"Time from {shown.begins} ({unit})")
+    axes.set(xlim=(0.0, t_min[-1] / divisor), ylim=days.range_mg_dl, ylabel="Glucose (mg/dl)")
+    axes.set_xlabel(f"Time from {days.begins} ({unit})")
     axes.xaxis.set_major_locator(every(tick))
-    meals = [(t - shown.t_min[0], round(carbs_g)) for t, carbs_g in shown.meals if t >= shown.t_min[0]]
+    meals = [(t - days.t_min[0], round(carbs_g)) for t, carbs_g in days.meals if t >= days.t_min[0]]
     mark_meals(axes, meals, float(t_min[-1]), "double")
     dress(axes)
     add_axis(axes, other_value(1.0, "mg/dl"), "(mmol/l)")
-    drawn, names = axes.get_legend_handles_labels()
-    add_legend(figure, dict(zip(names, drawn, strict=True)), "double")
+    lines, names = axes.get_legend_handles_labels()
+    add_legend(figure, dict(zip(names, lines, strict=True)), "double")
     return figure

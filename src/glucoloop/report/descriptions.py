@@ -14,8 +14,8 @@ from glucoloop.meals import Meal
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.settings import patient_entry
-from glucoloop.pumps.settings import PUMPS, PumpPart
-from glucoloop.report.moments import moment_text
+from glucoloop.pumps import PUMPS, PumpPart
+from glucoloop.report.periods import moment_text
 from glucoloop.sensors import DeadTime, IdealSensor, WhiteNoise
 from glucoloop.simulation.user_objects import goes_fast
 from glucoloop.situations.case import Case
@@ -294,15 +294,15 @@ def windows(faults: Iterable[FaultPart], end_min: float) -> Iterator[tuple[Fault
 def person_in_words(population: Population, person: Mapping[str, Any], seed: int = 0) -> str:
     """Name and basal rate of a person, who is a row of a summary, and the parameters farthest from the middle."""
     distributions, meanings = population.distributions(), patient_model(population.patient).meanings
-    drawn: Mapping[str, float] = person["parameters"]
-    spans = {name: distributions[name].upper - distributions[name].lower for name in drawn}
-    apart = {name: (value - distributions[name].centre) / (spans[name] or 1.0) for name, value in drawn.items()}
+    parameters: Mapping[str, float] = person["parameters"]
+    spans = {name: distributions[name].upper - distributions[name].lower for name in parameters}
+    apart = {name: (value - distributions[name].centre) / (spans[name] or 1.0) for name, value in parameters.items()}
     basal = person["basal_insulin_mU_min"]
     per_hour = f" ({u_h_from_mu_min(basal):.2f} U/h)" if patient_entry(population.patient).subcutaneous else ""
     names = population.names(seed, [person["person"]]) if population.table else None
     phrases = [f"{f'{names[0]}: ' if names else ''}basal rate {basal:.1f} mU/min{per_hour}"]
-    for name in sorted(drawn, key=lambda name: -abs(apart[name]))[:_REMARKABLE]:
+    for name in sorted(parameters, key=lambda name: -abs(apart[name]))[:_REMARKABLE]:
         centre, way = distributions[name].centre, "above" if apart[name] > 0.0 else "below"
-        far = f"{abs(drawn[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way
-        phrases.append(f"{meanings.get(name, name)} {drawn[name]:.3g}, {far} the usual {centre:.3g}")
+        far = f"{abs(parameters[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way
+        phrases.append(f"{meanings.get(name, name)} {parameters[name]:.3g}, {far} the usual {centre:.3g}")
     return "; ".join(phrases)

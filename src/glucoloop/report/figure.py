@@ -85,8 +85,8 @@ def plot(
             else "traces holds runs of one person and of many; draw them in two figures"
         )
     runs = [] if of_people else labelled_runs(of_one)
-    shown: list[PeopleRun | PlottedRun] = [*of_people.values(), *runs]
-    horizon_min = max(float(run.t_min[-1]) for run in shown)
+    all_runs: list[PeopleRun | PlottedRun] = [*of_people.values(), *runs]
+    horizon_min = max(float(run.t_min[-1]) for run in all_runs)
     figure, above, below, divisor = _style.loop_panels(horizon_min, title, width, ratio=1.6)
     entries: dict[str, Artist] = {}
     if of_people:
@@ -97,7 +97,7 @@ def plot(
     else:
         _draw_glucose(above, runs, divisor, entries)
         meals, exercise = runs[0].meals, runs[0].exercise
-    _draw_levels(above, [float(run.setpoint_mg_dl) for run in shown], lowest_glucose_mg_dl, entries)
+    _draw_levels(above, [float(run.setpoint_mg_dl) for run in all_runs], lowest_glucose_mg_dl, entries)
     if runs:
         _draw_glucose_limits(above, runs, lowest_glucose_mg_dl, entries)
         _draw_insulin(below, runs, divisor, limits, entries)

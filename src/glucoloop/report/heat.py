@@ -123,14 +123,14 @@ def plot_heat_maps(
     down = len(maps) if stacked else 1
     figure = _style.new_figure(width, down * (len(names) * row_mm + head_mm + _GAP_MM) + _AROUND_MM, title)
     panels = figure.subplots(down, len(maps) // down, squeeze=False).ravel()
-    for place, (axes, shown) in enumerate(zip(panels, maps, strict=True)):
-        places = _draw(axes, shown, apart="\n" if two_lines else " ")
+    for place, (axes, heat_map) in enumerate(zip(panels, maps, strict=True)):
+        places = _draw(axes, heat_map, apart="\n" if two_lines else " ")
         axes.set_xticks(range(len(columns)), map(_style.literal, heads), rotation=90 if upright else 0)
         axes.set_yticks(places, map(_style.literal, names))
         _style.dress(axes)
         axes.tick_params(length=0.0, labeltop=True, labelbottom=False, top=False, bottom=False)
         axes.spines[:].set_visible(False)
-        axes.set_title(shown.title, fontsize=FONT_PT, fontweight="bold", loc="left")
+        axes.set_title(heat_map.title, fontsize=FONT_PT, fontweight="bold", loc="left")
         if place and not stacked:
             axes.tick_params(labelleft=False)
     entries = _legend(legend_shades(maps) if shades is None else shades, what, mark)
@@ -138,18 +138,18 @@ def plot_heat_maps(
     return figure
 
 
-def _draw(axes: Axes, shown: HeatMap, apart: str) -> list[float]:
+def _draw(axes: Axes, heat_map: HeatMap, apart: str) -> list[float]:
     """Draw the cells of a map, and tell the places of its rows."""
     from matplotlib.patches import Rectangle
 
-    places = [place + (shown.apart if place else 0.0) for place in range(len(shown.rows))]
-    for place, row in zip(places, shown.rows, strict=True):
-        for across, column in enumerate(shown.columns):
-            cell = shown.cell(row, column)
+    places = [place + (heat_map.apart if place else 0.0) for place in range(len(heat_map.rows))]
+    for place, row in zip(places, heat_map.rows, strict=True):
+        for across, column in enumerate(heat_map.columns):
+            cell = heat_map.cell(row, column)
             axes.add_patch(Rectangle((across - 0.48, place - 0.46), 0.96, 0.92, **_patch(cell.shade)))
             text, ink = apart.join(filter(None, (cell.text, cell.mark))), cell.shade.ink or "black"
             _style.write(axes, text, (across, place), va="center", color=ink, linespacing=1.0)
-    axes.set(xlim=(-0.5, len(shown.columns) - 0.5), ylim=(places[-1] + 0.5, -0.5))
+    axes.set(xlim=(-0.5, len(heat_map.columns) - 0.5), ylim=(places[-1] + 0.5, -0.5))
     return places
 
 

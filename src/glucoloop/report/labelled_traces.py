@@ -11,7 +11,7 @@ import numpy.typing as npt
 from glucoloop.control import Status
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.refusal import Refusal
-from glucoloop.report.validity import concentrations, stretches, validity_note
+from glucoloop.report.periods import concentrations, stretches, validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
 

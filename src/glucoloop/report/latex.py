@@ -67,14 +67,16 @@ def latex_tables(tables: Iterable[object], name: str, command: str) -> str:
     return _HEAD.format(command=command, version=glucoloop.__version__, packages=packages) + "\n" + floats
 
 
-def _float(shown: object, label: str, command: str) -> str:
+def _float(fitting: object, label: str, command: str) -> str:
     from rich.table import Table
 
-    table = shown.table if isinstance(shown, FittingTable) else shown
+    table = fitting.table if isinstance(fitting, FittingTable) else fitting
     if not isinstance(table, Table):
-        raise TypeError(f"{type(shown).__name__} is no table")
+        raise TypeError(f"{type(fitting).__name__} is no table")
     heads = (
-        shown.heads if isinstance(shown, FittingTable) and shown.heads else [_plain(c.header) for c in table.columns]
+        fitting.heads
+        if isinstance(fitting, FittingTable) and fitting.heads
+        else [_plain(c.header) for c in table.columns]
     )
     caption = f"By \\texttt{{{_latex_text(command)}}}. {_latex_text(_plain(table.caption or ''))}".rstrip()
     align = "".join("r" if column.justify == "right" else "l" for column in table.columns)

@@ -25,9 +25,8 @@ from glucoloop.report.labelled_traces import (
     limits_passed,
     values_in_words,
 )
-from glucoloop.report.moments import moment_text, periods_text
+from glucoloop.report.periods import moment_text, periods_below, periods_text
 from glucoloop.report.template import Repeat, render
-from glucoloop.report.validity import periods_below
 from glucoloop.simulation import Trace
 from glucoloop.text import glucose_text
 from glucoloop.units import MIN_PER_DAY
@@ -133,9 +132,9 @@ def _name(runs: Sequence[PlottedRun], run: PlottedRun, what: str, apart: str = "
     return f"{run.label}{apart}{what}" if len(runs) > 1 else what
 
 
-def glucose_panel(setpoints: Sequence[float], lowest_mg_dl: float, shown: Sequence[Floats], **about: Any) -> Panel:
+def glucose_panel(setpoints: Sequence[float], lowest_mg_dl: float, curves: Sequence[Floats], **about: Any) -> Panel:
     """Panel with room for the curves shown, on which the range of the target, setpoints and the bound are drawn."""
-    low, high = extent([*setpoints, lowest_mg_dl], *shown)
+    low, high = extent([*setpoints, lowest_mg_dl], *curves)
     margin = 0.05 * (high - low)
     panel = Panel(GLUCOSE, (low - margin, high + margin), band=_TARGET_MG_DL, **about)
     panel.rule(setpoints, 0, f"setpoint {values_in_words(setpoints, 'mg/dl')}")

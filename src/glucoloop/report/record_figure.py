@@ -19,10 +19,9 @@ from glucoloop.report._style import (
     new_figure,
     write,
 )
-from glucoloop.report.profile_plot import highest_shown
 from glucoloop.report.record_goals import Goals
 from glucoloop.report.record_groups import Reported
-from glucoloop.report.record_page import MAX_IN_FULL
+from glucoloop.report.record_page import MAX_IN_FULL, highest_shown
 from glucoloop.units import MIN_PER_H
 
 if TYPE_CHECKING:
@@ -40,11 +39,11 @@ def plot_records(records: Sequence[Reported], goals: Goals) -> Figure:
     The line is the median, the bands hold 25 to 75 % and 5 to 95 % of the readings; the bar has the time in each range
     in percent.
     """
-    shown = records[:MAX_IN_FULL]
-    figure = new_figure("double", _ROW_MM * len(shown) + 6.0, None)
-    rows = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[12.0, 1.0])
-    top = max(highest_shown(record.profile) for record in shown)
-    for record, (curves, bar) in zip(shown, rows, strict=True):
+    first = records[:MAX_IN_FULL]
+    figure = new_figure("double", _ROW_MM * len(first) + 6.0, None)
+    rows = figure.subplots(len(first), 2, squeeze=False, width_ratios=[12.0, 1.0])
+    top = max(highest_shown(record.profile) for record in first)
+    for record, (curves, bar) in zip(first, rows, strict=True):
         _draw_profile(curves, record, goals, top)
         _draw_bar(bar, record, goals)
     rows[-1][0].set_xlabel("Time of day (h)")

@@ -90,12 +90,12 @@ def layout(surface: TuningSurface) -> SurfaceLayout:
     cells |= {tuning: Cell(_kind(surface, point), point) for point, tuning in enumerate(surface.tunings)}
     filtered = all(isinstance(tuning, StateTuning) for tuning in cells)
     names = [name for name in _PARAMETERS if filtered or name != "reference_filter"]
-    known = {tuple(float(getattr(tuning, name)) for name in names): cell for tuning, cell in cells.items()}
-    levels = {name: sorted(set(values)) for name, values in zip(names, zip(*known, strict=True), strict=True)}
+    numbers = {tuple(float(getattr(tuning, name)) for name in names): cell for tuning, cell in cells.items()}
+    levels = {name: sorted(set(values)) for name, values in zip(names, zip(*numbers, strict=True), strict=True)}
     varying = [name for name in names if len(levels[name]) > 1]
     x, y, *_ = [*varying, *(name for name in names if name not in varying)]
     panels = tuple(varying[2:])
-    combinations = sorted({tuple(values[names.index(name)] for name in panels) for values in known})
+    combinations = sorted({tuple(values[names.index(name)] for name in panels) for values in numbers})
     if len(combinations) > _MAX_PANELS:
         raise Refusal(
             f"the surface would need {len(combinations)} panels, at most {_MAX_PANELS} can be seen; "
@@ -104,7 +104,7 @@ def layout(surface: TuningSurface) -> SurfaceLayout:
 
     def cell(values: dict[str, float]) -> Cell:
         missing = "impossible" if values["prediction_horizon"] < values["move_horizon"] else "not tried"
-        return known.get(tuple(values[name] for name in names), Cell(missing))
+        return numbers.get(tuple(values[name] for name in names), Cell(missing))
 
     rows = {}
     for combination in combinations:
@@ -130,14 +130,14 @@ def plot_surface(
     surface: TuningSurface,
     *,
     printed: MPCTuning | None = None,
-    called: str = "printed",
+    label: str = "printed",
     title: str | None = None,
     width: Width = "double",
 ) -> Figure:
     """Draw the sum of squared errors of each tuning, its colour on a logarithmic scale.
 
-    Tunings that break the constraints or oscillate are hatched; the best of the others has a star and the printed one,
-    or what it is `called` in the legend, a diamond; if it is not a point of the surface, only the legend mentions it.
+    Tunings that break the constraints or oscillate are hatched. The best of the others has a star and the printed one,
+    which the legend calls by its `label`, a diamond; if it is not a point of the surface, only the legend mentions it.
     Cells without a number are grey, and the legend gives the reason. Refusal for more panels than can be seen, or for
     no finite result.
     """
@@ -149,7 +149,7 @@ def plot_surface(
     rows = -(-count // columns)
     figure = _style.new_figure(width, rows * _ROW_MM + _AROUND_MM, title)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    marked = {"best": surface.best() if surface.acceptable.any() else None, called: printed}
+    marked = {"best": surface.best() if surface.acceptable.any() else None, label: printed}
     entries: dict[str, Artist] = {}
     for number, (axes, (values, cells)) in enumerate(zip(grid.flat, places.cells.items(), strict=False)):
         image = _draw_cells(axes, surface, cells, entries)
@@ -171,7 +171,7 @@ def plot_surface(
     for axes in grid.flat[count:]:
         axes.set_visible(False)
     if printed is not None and printed not in surface.tunings:
-        entries[f"{called} {tuning_text(printed)}, beside the grid"] = _mark("D")
+        entries[f"{label} {tuning_text(printed)}, beside the grid"] = _mark("D")
     _add_bar(figure, image, grid)
     _style.add_legend(figure, entries, width)
     return figure
@@ -242,12 +242,12 @@ def _draw_marks(
 ) -> None:
     """A star and a diamond on two tunings, by what they are called."""
     places = {cell.point: (x + 0.5, y + 0.5) for y, row in enumerate(rows) for x, cell in enumerate(row)}
-    for marker, (called, tuning) in zip("*D", tunings.items(), strict=True):
+    for marker, (label, tuning) in zip("*D", tunings.items(), strict=True):
         if tuning is not None and tuning in surface.tunings:
             point = surface.index(tuning)
             if point in places:
                 axes.add_line(_mark(marker, *places[point]))
-            entries.setdefault(f"{called} {tuning_text(tuning)}", _mark(marker))
+            entries.setdefault(f"{label} {tuning_text(tuning)}", _mark(marker))
 
 
 def _mark(marker: str, *place: float) -> Any:

@@ -19,9 +19,9 @@ from glucoloop.report.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent,
 from glucoloop.report.columns import MetricRow
 from glucoloop.report.labelled_traces import exercise_in_words
 from glucoloop.report.page import glucose_panel, mark_faults
+from glucoloop.report.periods import concentrations
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
-from glucoloop.report.validity import concentrations
 from glucoloop.text import NOT_AVAILABLE, percent
 from glucoloop.units import MIN_PER_WEEK
 

@@ -32,7 +32,7 @@ from glucoloop.meals.settings import MealModelPart, RescuePart
 from glucoloop.metrics.settings import MetricPart, metrics_with
 from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientPart
 from glucoloop.physiology.settings import RhythmPart
-from glucoloop.pumps.settings import PUMPS, PumpPart
+from glucoloop.pumps import PUMPS, PumpPart
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, SensorPart, WhiteNoise, whole_samples
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
@@ -223,7 +223,7 @@ class Situation(Part):
             key: getattr(patient, key) for key in ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
         }
         object.__setattr__(self, "patient", patient)
-        object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.limits}))
+        object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.own_limits}))
         if self.rescue is not None:
             object.__setattr__(self, "rescue", self.rescue.completed())
         for name in ("rhythm", "sensor", "faults", "metrics"):

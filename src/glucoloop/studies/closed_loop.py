@@ -16,7 +16,7 @@ from glucoloop.identification import Identification
 from glucoloop.metrics import Metrics, clinical_summary, summarise
 from glucoloop.models.settings import FilePart
 from glucoloop.refusal import Refusal
-from glucoloop.report.validity import validity, validity_note
+from glucoloop.report.periods import validity, validity_note
 from glucoloop.simulation import Adaptive, Trace
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.plant import SteppingIntegrator
@@ -91,7 +91,7 @@ def model_for(situation: Situation, case: Case) -> ModelFile | None:
         return None
     situation = paced_situation(situation, case)
     if isinstance(case.model, FilePart):
-        return _given_model(Path(case.model.path), situation, case)
+        return _model_of_file(Path(case.model.path), situation, case)
     identification = nominal_model(situation, case)
     settings = case.identified.values()
     variance = settings["noise_variance"]
@@ -123,7 +123,7 @@ def smoothing_of(identification: Identification) -> str:
     )
 
 
-def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
+def _model_of_file(path: Path, situation: Situation, case: Case) -> ModelFile:
     model = read_model(path)
     if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
         of_model, of_run = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
@@ -132,11 +132,15 @@ def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
             f"identify again with `glucoloop identify --sample-time {of_run}`",
             f"run with --sample-time {of_model}",
         )
-    held = model.provenance.dead_time_min
-    if case.known_dead_time and held and not math.isclose(held, situation.dead_time_min, rel_tol=1e-9):
+    model_dead_time_min = model.provenance.dead_time_min
+    if (
+        case.known_dead_time
+        and model_dead_time_min
+        and not math.isclose(model_dead_time_min, situation.dead_time_min, rel_tol=1e-9)
+    ):
         raise Refusal(
-            f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min",
-            f"run with --dead-time {held:g}",
+            f"the model holds a dead time of {model_dead_time_min:g} min, the run has {situation.dead_time_min:g} min",
+            f"run with --dead-time {model_dead_time_min:g}",
             "run without known_dead_time",
             "identify again",
         )

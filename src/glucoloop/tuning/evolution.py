@@ -24,7 +24,7 @@ Array = npt.NDArray[Any]
 
 _FIRST_STEP: Final = 0.5
 """Standard deviation of the first generation, of a range from -1 to 1."""
-_STEP_FROM_KNOWN: Final = 0.1
+_STEP_FROM_START: Final = 0.1
 """Standard deviation of the first generation of the start that continues from a known point."""
 _PATIENCE: Final = 60
 """Number of generations without a higher score, by `_MORE`, after which a start begins again."""
@@ -35,7 +35,7 @@ class Evolution:
     """Points of the greatest score, asked for a generation at a time.
 
     Each of the searches side by side begins around a point that `centre` draws, from -1 to 1 in each coordinate. A
-    `known` point is tried first, and the first search continues from it.
+    `start_point` is tried first, and the first search continues from it.
     """
 
     def __init__(
@@ -45,10 +45,10 @@ class Evolution:
         starts: int,
         population: int,
         seed: int,
-        known: Array | None = None,
+        start_point: Array | None = None,
     ) -> None:
         self._starts = [
-            _Start(centre, population, (seed, number), known if number == 0 else None) for number in range(starts)
+            _Start(centre, population, (seed, number), start_point if number == 0 else None) for number in range(starts)
         ]
 
     def ask(self) -> Array:
@@ -69,9 +69,9 @@ class _Start:
         centre: Callable[[np.random.Generator], Array],
         population: int,
         identity: tuple[int, int],
-        known: Array | None,
+        start_point: Array | None,
     ) -> None:
-        self._centre, self._population, self._identity, self._known = centre, population, identity, known
+        self._centre, self._population, self._identity, self._start_point = centre, population, identity, start_point
         self._begun, self._most, self._waited = 0, -np.inf, 0
         self._search = self._anew()
         self._asked = np.zeros((0, 0))
@@ -79,8 +79,8 @@ class _Start:
     def ask(self) -> Array:
         """Points of the next generation, ``(population, dimension)``."""
         self._asked = np.array([self._search.ask() for _ in range(self._population)])
-        if self._known is not None:
-            self._asked[0], self._known = self._known, None
+        if self._start_point is not None:
+            self._asked[0], self._start_point = self._start_point, None
         return self._asked
 
     def tell(self, score: Array) -> None:
@@ -101,10 +101,10 @@ class _Start:
         entropy = np.random.SeedSequence([*self._identity, self._begun])
         self._begun, self._most, self._waited = self._begun + 1, -np.inf, 0
         stream, of_search = entropy.spawn(2)
-        centre, known = self._centre(np.random.default_rng(stream)), self._known
+        centre, start_point = self._centre(np.random.default_rng(stream)), self._start_point
         return library().CMA(
-            mean=centre if known is None else known,
-            sigma=_FIRST_STEP if known is None else _STEP_FROM_KNOWN,
+            mean=centre if start_point is None else start_point,
+            sigma=_FIRST_STEP if start_point is None else _STEP_FROM_START,
             population_size=self._population,
             seed=int(of_search.generate_state(1)[0]),
         )

@@ -1,7 +1,9 @@
-"""Samplers that propose the next tunings, declared in `tuning.settings`.
+"""Samplers that propose the next tunings of `glucoloop robust`.
 
 A sampler is asked for a round of tunings at a time and gets the result of each, in order. It depends only on its seed,
-on the size of a round and on these results, so that an interrupted search resumes by passing them again.
+on the size of a round and on these results, so that an interrupted search resumes by passing them again. One joins the
+command by one class, entered in `SAMPLERS` or by the entry point of another package in the group
+``glucoloop.samplers``.
 """
 
 from __future__ import annotations
@@ -10,12 +12,14 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
-
-import numpy as np
+from typing import Annotated, Any, ClassVar, Final, Protocol
 
 from glucoloop._extras import needed_for
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
 from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import About
+from glucoloop.limits import LARGEST_SEED
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,8 @@ class RandomDraws:
     """Sampler of random draws, each uniform between its bounds, or its logarithm; `start` is tried first."""
 
     def __init__(self, space: Sequence[Tuned], seed: int, start: dict[str, float] | None = None) -> None:
+        import numpy as np  # here, since help is shown from this module
+
         self._space, self._start = space, start
         self._random = np.random.default_rng(seed)
 
@@ -120,3 +126,37 @@ _VIOLATION: Final = "violation"
 def _violation(trial: Any) -> Sequence[float]:
     result: Sequence[float] = trial.user_attrs[_VIOLATION]
     return result
+
+
+class SamplerPart(MadePart):
+    """Declaration of a `Sampler`: its name, its settings, and the place of the function that makes it.
+
+    Its function is also given, if it has parameters of these names, ``space`` (a `component.ranges.Tuned` for each
+    number), ``batch`` (the number of tunings in a round) and ``start`` (the tuning to be tried first, or None).
+    """
+
+    kind: ClassVar = "sampler"
+    seed: Annotated[int, About("Seed of what it draws.", at_least=0, at_most=LARGEST_SEED)] = 0
+
+
+class _TPESettings(SamplerPart, name="tpe"):
+    """Parzen estimators of good and of other tunings, by Optuna."""
+
+    make: ClassVar = "glucoloop.tuning.samplers:tpe"
+
+
+class _NSGA2Settings(SamplerPart, name="nsga2"):
+    """The evolutionary algorithm NSGA-II, by Optuna."""
+
+    make: ClassVar = "glucoloop.tuning.samplers:nsga2"
+
+
+class _RandomSettings(SamplerPart, name="random"):
+    """Random draws, uniform between the bounds or in the logarithm."""
+
+    make: ClassVar = "glucoloop.tuning.samplers:RandomDraws"
+
+
+SAMPLERS: Final = Catalogue(
+    SamplerPart, (_TPESettings, _NSGA2Settings, _RandomSettings), example="tpe, seed=3", unnamed=True
+)

@@ -16,19 +16,56 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import design_of
 from glucoloop.build.surroundings import surroundings_of
-from glucoloop.control import Controller, MPCTuning
+from glucoloop.component.setting import Value
+from glucoloop.control import Controller, MPCTuning, StateTuning
+from glucoloop.control.catalogue import TUNABLE, controller_entry
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import Integrator
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import Case, usual_case
 from glucoloop.situations.situation import Situation, usual_situation
-from glucoloop.tuning.designers import Designer, designer, kind_of_tuning, usual_filters
 from glucoloop.tuning.grid import parse_numbers, tuning_grid
 from glucoloop.tuning.oscillation import oscillation
 from glucoloop.tuning.surface import TuningSurface
+
+Designer = Callable[[MPCTuning], Controller]
+"""Function that makes the controller of a tuning."""
+
+
+def kind_of_tuning(controller: str) -> type[MPCTuning]:
+    """Kind of the tunings of a controller that can be tuned: `StateTuning` if it has a reference filter."""
+    entry = controller_entry(controller)
+    if not entry.tunable:
+        raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
+    return StateTuning if "reference_filter" in entry.settings() else MPCTuning
+
+
+def usual_filters(controller: str, tuning: Mapping[str, Value]) -> str | None:
+    """Range of reference filters that a grid tries unless another one is given; None without such a setting."""
+    if "reference_filter" not in tuning:
+        return None
+    return controller_entry(controller).reference_filters or f"{tuning['reference_filter']:g}"
+
+
+def designer(
+    situation: Situation, case: Case, model: StepResponseModel | None = None, *, model_is_late: bool = False
+) -> Designer:
+    """Make the design of a tuning in a situation; parameters and errors as for `build.designs.design_of`."""
+    kind = kind_of_tuning(case.controller.called)
+    design = design_of(situation, case, model=model, model_is_late=model_is_late)
+
+    def tuned(tuning: MPCTuning) -> Controller:
+        if not isinstance(tuning, kind):
+            raise Refusal("the controller follows a filtered reference; give the grid reference filters")
+        settings = {name: value for name, value in tuning.values().items() if name in case.tuning}
+        return design(dataclasses.replace(case.controller, **settings))
+
+    return tuned
+
 
 C = TypeVar("C", bound=Controller)
 

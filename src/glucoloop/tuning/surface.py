@@ -32,7 +32,7 @@ class TuningRank:
     sse: float
     best: MPCTuning | None
     best_sse: float | None
-    called: str = "printed"
+    label: str = "printed"
     """Kind of tuning: "printed" in the paper, or "usual" for another patient than the paper's."""
 
 
@@ -98,7 +98,7 @@ class TuningSurface:
             raise Refusal(f"the tuning {tuning_text(tuning)} is not a point of the grid; add it to the search")
         return self.tunings.index(tuning)
 
-    def rank_of(self, tuning: MPCTuning, called: str = "printed") -> TuningRank:
+    def rank_of(self, tuning: MPCTuning, label: str = "printed") -> TuningRank:
         """Rank of a tuning by the sum of squared errors among the acceptable ones; equal sums share a rank."""
         point, acceptable = self.index(tuning), self.acceptable
         better = acceptable & (self.sse < self.sse[point])
@@ -110,7 +110,7 @@ class TuningSurface:
             sse=float(self.sse[point]),
             best=None if best is None else self.tunings[best],
             best_sse=None if best is None else float(self.sse[best]),
-            called=called,
+            label=label,
         )
 
     def only(self, tunings: Collection[MPCTuning]) -> TuningSurface:

@@ -20,9 +20,9 @@ HOST: Final = "host"
 """Name of this computer as a chip."""
 NVM: Final = "nvm.bin"
 """Non-volatile memory of an emulated board, in the folder in which it runs."""
-PORTABLE: Final = ("frame.h", "frame.c", "store.h", "store.c", "board.h", "hil.c")
+_PORTABLE: Final = ("frame.h", "frame.c", "store.h", "store.c", "board.h", "hil.c")
 """Files that every board uses as they are."""
-WARNINGS: Final = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
+_WARNINGS: Final = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 _EMULATED: Final = ("emulated.h", "emulated.c")
 _BOARDS: Final = {
     HOST: (*_EMULATED, "host.c"),
@@ -66,7 +66,7 @@ def portable_files(exported: Exported) -> dict[str, str]:
         "controller.h": source.header,
         "controller.c": source.code,
         "link.h": header(source, Payloads(source, exported.precision)),
-        **{name: template(name, _HERE) for name in PORTABLE},
+        **{name: template(name, _HERE) for name in _PORTABLE},
     }
 
 
@@ -97,11 +97,11 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
         (folder / name).write_text(text)
     sources = sorted(name for name in texts if name.endswith(".c"))
     if chip == HOST:
-        _compile([str(compiler()), *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
+        _compile([str(compiler()), *_WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
         return (str(folder / "firmware"),)
     target = CHIPS[chip]
     _, support_flags = target.support(exported.precision)
-    flags = [*WARNINGS, *extra, "-O2", "-ffp-contract=off", *target.flags, *LINK, *support_flags]
+    flags = [*_WARNINGS, *extra, "-O2", "-ffp-contract=off", *target.flags, *LINK, *support_flags]
     flags += ["-fno-tree-loop-distribute-patterns"]
     _compile([target.compiler, *flags, "-o", "firmware.elf", *sources, "-lgcc"], folder)
     _compile([target.compiler.replace("gcc", "objcopy"), "-O", "binary", "firmware.elf", _IMAGE], folder)
@@ -132,6 +132,6 @@ def _bound_to_us() -> tuple[str, ...]:
 
 
 def _compile(command: list[str], folder: Path) -> None:
-    made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if made.returncode:
-        raise Refusal(f"the C compiler refuses the firmware: {' '.join(made.stderr.split())[:500]}")
+    process = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if process.returncode:
+        raise Refusal(f"the C compiler refuses the firmware: {' '.join(process.stderr.split())[:500]}")

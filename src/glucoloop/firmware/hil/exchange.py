@@ -10,19 +10,19 @@ from glucoloop.firmware.hil.link import Link
 from glucoloop.firmware.hil.protocol import Decoder, Frame, Hello, Type
 from glucoloop.refusal import Refusal
 
-FIRST_WAIT_S: Final = 0.02
+_FIRST_WAIT_S: Final = 0.02
 """Time after which a frame that was not answered is sent again, before an answer was timed."""
-MIN_WAIT_S: Final = 0.002
-LONGEST_WAIT_S: Final = 1.0
+_MIN_WAIT_S: Final = 0.002
+_MAX_WAIT_S: Final = 1.0
 ANSWER_WITHIN_S: Final = 10.0
 """Time after which the pump gives its fallback rate for the sample."""
 EMULATED_WITHIN_S: Final = 120.0
 """The same where the chip is emulated, which is slow on a busy computer: only an outage is to be one."""
-KEPT: Final = 288
+_MAX_OBSERVATIONS: Final = 288
 """Number of observations that are kept for a chip that is late: a day of 5-min samples."""
 
 
-class Patience:
+class _Patience:
     """Time to wait for an answer before a frame is sent again, from the times of earlier answers.
 
     It is the smoothed time of an answer plus four times its smoothed deviation, and doubles with each frame that is
@@ -30,22 +30,22 @@ class Patience:
     """
 
     def __init__(self) -> None:
-        self.wait_s = FIRST_WAIT_S
+        self.wait_s = _FIRST_WAIT_S
         self._mean_s: float | None = None
         self._deviation_s = 0.0
 
-    def answered(self, took_s: float) -> None:
+    def answered(self, duration_s: float) -> None:
         """Learn from the time of the answer to a frame that was sent once."""
         if self._mean_s is None:
-            self._mean_s, self._deviation_s = took_s, took_s / 2.0
+            self._mean_s, self._deviation_s = duration_s, duration_s / 2.0
         else:
-            self._deviation_s += (abs(took_s - self._mean_s) - self._deviation_s) / 4.0
-            self._mean_s += (took_s - self._mean_s) / 8.0
-        self.wait_s = min(max(self._mean_s + 4.0 * self._deviation_s, MIN_WAIT_S), LONGEST_WAIT_S)
+            self._deviation_s += (abs(duration_s - self._mean_s) - self._deviation_s) / 4.0
+            self._mean_s += (duration_s - self._mean_s) / 8.0
+        self.wait_s = min(max(self._mean_s + 4.0 * self._deviation_s, _MIN_WAIT_S), _MAX_WAIT_S)
 
     def repeated(self) -> None:
         """Wait for twice as long from now on."""
-        self.wait_s = min(2.0 * self.wait_s, LONGEST_WAIT_S)
+        self.wait_s = min(2.0 * self.wait_s, _MAX_WAIT_S)
 
 
 class Exchange:
@@ -62,7 +62,7 @@ class Exchange:
     ) -> None:
         self._link, self._design, self._sizes, self._clock = link, design, sizes, clock
         self._decoder = Decoder()
-        self._patience = Patience()
+        self._patience = _Patience()
         self._sent_s: float | None = None
         """Time at which the last frame was sent that is to be timed; None if it was answered or sent again."""
         self._observations: dict[int, bytes] = {}
@@ -109,7 +109,7 @@ class Exchange:
     def keep(self, sample: int, observation: bytes) -> None:
         """Remember an observation, to be sent when the chip is ready for it."""
         self._observations[sample] = observation
-        if len(self._observations) > KEPT:
+        if len(self._observations) > _MAX_OBSERVATIONS:
             del self._observations[min(self._observations)]
 
     def decide(self, sample: int, observation: bytes, within_s: float = ANSWER_WITHIN_S) -> bytes | None:
@@ -203,10 +203,10 @@ class Exchange:
         if frame.sample not in self._observations or frame.sample > current:
             return
         self._fresh = self._memory_in_question = False
-        known = frame.sample in self.answers
+        repeated = frame.sample in self.answers
         before = self.answers.setdefault(frame.sample, frame.payload)
         self.contradictions += before != frame.payload
-        if frame.sample < current and not known:  # an answer that came twice asks for nothing twice
+        if frame.sample < current and not repeated:  # an answer that came twice asks for nothing twice
             self._observe(frame.sample + 1)
 
     def _new_session(self, first: int) -> None:

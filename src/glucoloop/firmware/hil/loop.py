@@ -24,12 +24,12 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.simulation.stepper import Stepper, simulate_stepped
 
-HOLD_MIN: Final = 30.0
+_HOLD_MIN: Final = 30.0
 """Time for which the fallback rate is no more than the last decided one; after it, it is the basal rate."""
 
 
 @dataclass(frozen=True)
-class Fallback:
+class _Fallback:
     """Rate of a pump that hears no decision.
 
     It never gives a bolus. With ``"basal"`` it is the smaller of the last decided rate and the basal rate for half an
@@ -43,7 +43,7 @@ class Fallback:
         """Rate of a sample, from the last decided rate and the time since the next decision was due."""
         if self.kind == "suspend":
             return 0.0
-        return min(last_mU_min, self.basal_mU_min) if silent_min < HOLD_MIN else self.basal_mU_min
+        return min(last_mU_min, self.basal_mU_min) if silent_min < _HOLD_MIN else self.basal_mU_min
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ def run_on_chip(
     exchange = Exchange(line, exported.source.design, payloads.sizes)
     pace = Pace(stepper.sample_time_min) if pace is None else pace
     exchange.begin()
-    pump = Fallback(fallback, float(stepper.start.insulin_mU_min))
-    seen: list[Leaves] = []
+    pump = _Fallback(fallback, float(stepper.start.insulin_mU_min))
+    observations: list[Leaves] = []
     answered: list[bool] = []
     last, silent_min = float(stepper.start.insulin_mU_min), 0.0
     begun: list[float] = []
@@ -131,8 +131,8 @@ def run_on_chip(
         nonlocal last, silent_min
         pace.wait_for(sample)
         begun.append(time.monotonic())
-        seen.append(leaves_of(observation, exported))
-        payload, answer = payloads.observation(seen[-1]), None
+        observations.append(leaves_of(observation, exported))
+        payload, answer = payloads.observation(observations[-1]), None
         if sample in silent:
             exchange.keep(sample, payload)
         else:
@@ -161,8 +161,8 @@ def run_on_chip(
         return decision
 
     trace = simulate_stepped(stepper, scenario, decide, gives_boluses=exported.gives_boluses)
-    took = time.monotonic() - begun[1] if samples > 1 else math.inf
-    expected = without_a_chip(exported, seen, exchange.sessions)
+    duration_s = time.monotonic() - begun[1] if samples > 1 else math.inf
+    expected = _without_a_chip(exported, observations, exchange.sessions)
     decided = {i: payloads.decision(answer) for i, answer in exchange.answers.items()}
     same = [equal(decided[i], expected[i]) if i in decided else None for i in range(samples)]
     late = [decision_of(decided[i], exported) for i in sorted(decided) if not answered[i]]
@@ -180,11 +180,11 @@ def run_on_chip(
         late_boluses_mU=[bolus for bolus in boluses if bolus > 0.0],
         sessions=exchange.sessions,
         counts=counts,
-        samples_per_s=(samples - 1) / took,
+        samples_per_s=(samples - 1) / duration_s,
     )
 
 
-def without_a_chip(exported: Exported, seen: Sequence[Leaves], sessions: Sequence[int]) -> list[Leaves]:
+def _without_a_chip(exported: Exported, observations: Sequence[Leaves], sessions: Sequence[int]) -> list[Leaves]:
     """Decisions of the controller on the same observations without a chip, which starts anew with each session.
 
     They are those of its operations carried out in NumPy; in the compact form, which is slow there, those of its C on
@@ -197,4 +197,4 @@ def without_a_chip(exported: Exported, seen: Sequence[Leaves], sessions: Sequenc
     else:
         library = Library(exported.source, exported.precision)
         init, step = library.init, library.step
-    return replayed(seen, init, step, sessions)[1]
+    return replayed(observations, init, step, sessions)[1]

@@ -16,16 +16,16 @@ import numpy as np
 
 from glucoloop.native.targets.c.source import Source
 
-VERSION: Final = 1
-MARK: Final = b"GL"
+_VERSION: Final = 1
+_MARK: Final = b"GL"
 _HEADER: Final = struct.Struct("<2sBBIIHH")
 _HELLO: Final = struct.Struct("<32sHHII")
 _CRC: Final = struct.Struct("<I")
-HEADER_BYTES: Final = _HEADER.size + _CRC.size
-LONGEST_PAYLOAD: Final = 240
+_HEADER_BYTES: Final = _HEADER.size + _CRC.size
+_MAX_PAYLOAD_BYTES: Final = 240
 """Largest number of bytes of a payload."""
-LONGEST_FRAME: Final = HEADER_BYTES + LONGEST_PAYLOAD + _CRC.size
-RECORD_MARK: Final = 0x31524C47
+_MAX_FRAME_BYTES: Final = _HEADER_BYTES + _MAX_PAYLOAD_BYTES + _CRC.size
+_RECORD_MARK: Final = 0x31524C47
 """First four bytes of a record in non-volatile memory, ``GLR1``."""
 WATCHDOG_MS: Final = {"float32": 1000, "float64": 20_000}
 """Time after which a chip that hangs is reset, by its arithmetic.
@@ -64,7 +64,7 @@ class Frame:
 
     def encoded(self) -> bytes:
         """The bytes on the line."""
-        head = _HEADER.pack(MARK, VERSION, self.type, self.session, self.sample, len(self.payload), 0)
+        head = _HEADER.pack(_MARK, _VERSION, self.type, self.session, self.sample, len(self.payload), 0)
         content = head + _CRC.pack(zlib.crc32(head)) + self.payload
         return content + _CRC.pack(zlib.crc32(content))
 
@@ -96,24 +96,24 @@ class Decoder:
                 if _CRC.pack(zlib.crc32(content[:-4])) == content[-4:]:
                     del self._buffer[:length]
                     _, _, type, session, sample, _, _ = _HEADER.unpack_from(content)
-                    return Frame(type, session, sample, content[HEADER_BYTES:-4])
-            self.refused += self._buffer[0] == MARK[0]
-            next_mark = self._buffer.find(MARK[0], 1)
+                    return Frame(type, session, sample, content[_HEADER_BYTES:-4])
+            self.refused += self._buffer[0] == _MARK[0]
+            next_mark = self._buffer.find(_MARK[0], 1)
             del self._buffer[: next_mark if next_mark > 0 else len(self._buffer)]
         return None
 
     def _length(self) -> int | None:
         """Number of bytes of the frame that begins here; 0 if none can, and None if there are too few to tell."""
-        first = MARK + bytes([VERSION])
+        first = _MARK + bytes([_VERSION])
         if bytes(self._buffer[:3]) != first[: len(self._buffer)]:
             return 0
-        if len(self._buffer) < HEADER_BYTES:
+        if len(self._buffer) < _HEADER_BYTES:
             return None
-        head, crc = bytes(self._buffer[: _HEADER.size]), bytes(self._buffer[_HEADER.size : HEADER_BYTES])
+        head, crc = bytes(self._buffer[: _HEADER.size]), bytes(self._buffer[_HEADER.size : _HEADER_BYTES])
         payload = int(_HEADER.unpack(head)[5])
-        if _CRC.pack(zlib.crc32(head)) != crc or payload > LONGEST_PAYLOAD:
+        if _CRC.pack(zlib.crc32(head)) != crc or payload > _MAX_PAYLOAD_BYTES:
             return 0
-        return HEADER_BYTES + payload + _CRC.size
+        return _HEADER_BYTES + payload + _CRC.size
 
 
 @dataclass(frozen=True)
@@ -166,34 +166,34 @@ def record_bytes(source: Source, payloads: Payloads) -> int:
     return 20 + payloads.sizes[1] + source.record_bytes + _CRC.size
 
 
-def place_bytes(source: Source, payloads: Payloads) -> int:
+def _place_bytes(source: Source, payloads: Payloads) -> int:
     """Number of bytes from one record in non-volatile memory to the next."""
     return -(-record_bytes(source, payloads) // 64) * 64
 
 
 def plan_at(source: Source, payloads: Payloads) -> int:
     """Place of the planned failure in the memory of an emulated board, after both records."""
-    return 2 * place_bytes(source, payloads)
+    return 2 * _place_bytes(source, payloads)
 
 
 def header(source: Source, payloads: Payloads) -> str:
     """The C header with the constants of the link for a controller."""
     observation, decision = payloads.sizes
     numbers = {
-        "MARK_0": MARK[0],
-        "MARK_1": MARK[1],
-        "VERSION": VERSION,
-        "HEADER": HEADER_BYTES,
-        "PAYLOAD_MAX": LONGEST_PAYLOAD,
-        "FRAME_MIN": HEADER_BYTES + _CRC.size,
-        "FRAME_MAX": LONGEST_FRAME,
+        "MARK_0": _MARK[0],
+        "MARK_1": _MARK[1],
+        "VERSION": _VERSION,
+        "HEADER": _HEADER_BYTES,
+        "PAYLOAD_MAX": _MAX_PAYLOAD_BYTES,
+        "FRAME_MIN": _HEADER_BYTES + _CRC.size,
+        "FRAME_MAX": _MAX_FRAME_BYTES,
         **{f"TYPE_{type.name}": type.value for type in Type},
         "HELLO": _HELLO.size,
         "OBSERVATION": observation,
         "DECISION": decision,
         "WATCHDOG_MS": WATCHDOG_MS[payloads.precision],
-        "RECORD_MARK": RECORD_MARK,
-        "PLACE": place_bytes(source, payloads),
+        "RECORD_MARK": _RECORD_MARK,
+        "PLACE": _place_bytes(source, payloads),
         "PLAN_AT": plan_at(source, payloads),
         **{f"PLAN_{plan.name}": plan.value for plan in Plan},
     }

@@ -6,13 +6,13 @@
 #include <string.h>
 
 #define SAMPLES @SAMPLES@U
-#define RUN @RUN@U /* samples after which the controller is woken anew */
-#define LEAST @LEAST@
-#define MOST @MOST@
+#define RUN @RUN@U /* samples after which the controller is initialised again */
+#define MIN_RATE @MIN_RATE@
+#define MAX_RATE @MAX_RATE@
 
-/* The bits of: @GIVEN_NAMES@. */
-static const @BITS@ given[SAMPLES][@GIVEN@] = {
-@GIVEN_ROWS@
+/* The bits of: @INPUT_NAMES@. */
+static const @BITS@ inputs[SAMPLES][@INPUTS@] = {
+@INPUT_ROWS@
 };
 
 /* The bits of: @EXPECTED_NAMES@. */
@@ -20,12 +20,12 @@ static const @BITS@ expected[SAMPLES][@EXPECTED@] = {
 @EXPECTED_ROWS@
 };
 
-static void samples_given(uint32_t i, gl_observation *to)
+static void sample_inputs(uint32_t i, gl_observation *to)
 {
 @READ@
 }
 
-static bool samples_expected(uint32_t i, const gl_decision *of)
+static bool sample_matches(uint32_t i, const gl_decision *of)
 {
   bool equal = true;
   @BITS@ bits;

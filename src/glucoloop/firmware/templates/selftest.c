@@ -41,12 +41,12 @@ static void say_number(uint32_t number)
 int main(void)
 {
 #ifdef CHIP
-  uint32_t most = 0U;
+  uint32_t max_instructions = 0U;
 #endif
   uint32_t wrong = 0U;
   for (uint32_t i = 0U; i < SAMPLES; i++)
   {
-    samples_given(i, &observation);
+    sample_inputs(i, &observation);
     if ((i % RUN) == 0U)
     {
       gl_init(&workspace, &state, &observation);
@@ -58,11 +58,11 @@ int main(void)
     gl_step(&workspace, &state, &observation, &decision);
 #ifdef CHIP
     {
-      const uint32_t taken = chip_instructions();
-      most = (taken > most) ? taken : most;
+      const uint32_t instructions = chip_instructions();
+      max_instructions = (instructions > max_instructions) ? instructions : max_instructions;
     }
 #endif
-    if (!samples_expected(i, &decision))
+    if (!sample_matches(i, &decision))
     {
       wrong++;
       say("sample ");
@@ -80,12 +80,12 @@ int main(void)
     if (gl_restore(&state, record))
     {
       wrong++;
-      say("a damaged state was taken\n");
+      say("a damaged state was accepted\n");
     }
   }
   (void)memset(&state, 0xFF, sizeof(state)); /* a state of which nothing is a number */
   gl_step(&workspace, &state, &observation, &decision);
-  if (!((decision.insulin_mU_min >= LEAST) && (decision.insulin_mU_min <= MOST)))
+  if (!((decision.insulin_mU_min >= MIN_RATE) && (decision.insulin_mU_min <= MAX_RATE)))
   {
     wrong++;
     say("a dose out of the limits\n");
@@ -96,7 +96,7 @@ int main(void)
   say_number(wrong);
 #ifdef CHIP
   say(" instructions=");
-  say_number(most);
+  say_number(max_instructions);
 #endif
   say(" state=");
   say_number((uint32_t)sizeof(state));

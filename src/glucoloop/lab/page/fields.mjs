@@ -74,7 +74,7 @@ export function ofFault(fault, data) {
   if (tau_min !== undefined) numbers.left = Math.exp(-every / tau_min);
   if (step_mU_min !== undefined) {
     numbers.step_mU_min = step_mU_min;
-    numbers.least_mU_min = Math.ceil(least_mU_min / step_mU_min - HAIR) * step_mU_min;
+    numbers.minimum_mU_min = Math.ceil(least_mU_min / step_mU_min - HAIR) * step_mU_min;
   }
   if (share !== undefined) {
     Object.assign(numbers, { "episodes.earliest": Infinity, "episodes.latest": Infinity, "episodes.length": 1 });

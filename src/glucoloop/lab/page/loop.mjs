@@ -149,7 +149,7 @@ class Past {
     this.random = random;
     this.readings = new Float64Array(earlier * stage.lanes);
     this.valid = new Float64Array(earlier * stage.lanes);
-    this.at = { reading: stage.place("past.glucose_mg_dl", "carry"), valid: stage.place("past.valid", "carry") };
+    this.at = { reading: stage.place("memory.glucose_mg_dl", "carry"), valid: stage.place("memory.valid", "carry") };
   }
 
   /** @param {Float64Array} glucose that was read for a long time */

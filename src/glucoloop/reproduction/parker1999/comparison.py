@@ -67,8 +67,8 @@ INTERPRETATIONS: Final[Mapping[str, str]] = _FILE["interpretations"]
 
 def reason_for(entry: str, operating_point: str) -> str:
     """The reason why an entry does not reproduce at an operating point; empty where none is known."""
-    known = (one.reason for one in DEVIATIONS if entry.startswith(one.entries) and operating_point in one.points)
-    return next(known, "")
+    reasons = (one.reason for one in DEVIATIONS if entry.startswith(one.entries) and operating_point in one.points)
+    return next(reasons, "")
 
 
 UNSETTLED: Final = "551+"

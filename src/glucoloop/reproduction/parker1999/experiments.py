@@ -204,14 +204,14 @@ def study(
     for minutes in sorted({_dead_time_min(run) for run in noisy}):
         late = _noisy(situation, minutes)
         for name, time in sorted(run for run in noisy if _dead_time_min(run) == minutes):
-            known = time.endswith("M")
-            case = dataclasses.replace(usual_case(name, late), known_dead_time=known)
+            compensated = time.endswith("M")
+            case = dataclasses.replace(usual_case(name, late), known_dead_time=compensated)
             if name == "mpc-se":
                 runs[name, time] = _noisy_loops(late, controller_of(late, case), loop_keys)
                 continue
             controllers = [controller_of(late, case, model=one.model) for one in identified]
             runs[name, time] = _noisy_loops(late, controllers, loop_keys)
-            if known:
+            if compensated:
                 anew = [controller_of(late, case, model=one.model, model_is_late=True) for one in records(minutes)]
                 identified_anew[time] = _noisy_loops(late, anew, loop_keys)
         progress(f"{operating_point}: runs with noise, dead time {minutes} min")

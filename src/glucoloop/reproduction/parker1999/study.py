@@ -95,13 +95,13 @@ _ARABIC: Final = {"1": "I", "2": "II"}
 def _chosen(tables: Sequence[str], figures: Sequence[str]) -> _PaperPart:
     """The named tables and figures together; the whole paper if none is named."""
     parts = []
-    for kind, names, known in (("table", tables, _TABLES), ("figure", figures, FIGURES)):
+    for kind, names, catalogue in (("table", tables, _TABLES), ("figure", figures, FIGURES)):
         for name in names:
             key = name.strip().upper()
             key = _ARABIC.get(key, key) if kind == "table" else key
-            if key not in known:
-                raise Refusal(f"unknown {kind} {name!r}; the known ones are: {', '.join(known)}")
-            parts.append(known[key])
+            if key not in catalogue:
+                raise Refusal(f"unknown {kind} {name!r}; the known ones are: {', '.join(catalogue)}")
+            parts.append(catalogue[key])
     if not parts:
         return WHOLE
     return _PaperPart(

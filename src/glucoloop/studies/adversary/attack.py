@@ -178,19 +178,19 @@ class Attack:
         """
         trial = self._trial
         alike = number is None and trial.one_person is None
-        drawn_from = population("nominal", patient=trial.patient.called) if alike else trial.population
-        drawn = virtual_people(drawn_from, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
-        if not drawn.feasible.all():
+        source = population("nominal", patient=trial.patient.called) if alike else trial.population
+        people = virtual_people(source, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
+        if not people.feasible.all():
             who = "the nominal patient" if alike else f"person {number or 0} of seed {trial.seed}"
             raise Refusal(f"no basal rate holds {who} at {trial.target_mg_dl:g} mg/dl; give another person or setpoint")
-        return drawn
+        return people
 
     def people(self, number: int) -> VirtualPeople:
         """People with a basal rate among the first of the trial."""
         trial = self._trial
         with one_at_a_time:
-            drawn = people_of(trial, trial.first_person + np.arange(number))
-            return drawn.at(np.flatnonzero(drawn.feasible))
+            first = people_of(trial, trial.first_person + np.arange(number))
+            return first.at(np.flatnonzero(first.feasible))
 
     def harm(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> _Harm:
         """Harm of errors ``(samples, n)`` with stretches ``(stretches, n)``, to one person or to n.
@@ -226,8 +226,8 @@ class Attack:
         trial = self._trial
         with one_at_a_time:
             people, surroundings = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
-            drawn = brought(trial, trial.drawn_days(people.draw.person))
-        return self._loop.run(people, surroundings=surroundings, threads=os.cpu_count() or 1, **drawn)
+            day_inputs = brought(trial, trial.drawn_days(people.draw.person))
+        return self._loop.run(people, surroundings=surroundings, threads=os.cpu_count() or 1, **day_inputs)
 
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
         sensor: Any = self._surroundings.sensor
@@ -270,15 +270,19 @@ class Worst:
 
 
 def generations(
-    judge: Judge, space: ErrorSpace, effort: Adversary, before: Sequence[Array] = (), known: Array | None = None
+    judge: Judge, space: ErrorSpace, effort: Adversary, before: Sequence[Array] = (), start_point: Array | None = None
 ) -> Iterator[_Generation]:
     """Yield the generations of a search, each as soon as it is known; Refusal without the library of the search.
 
-    Those whose scores are `before` are not simulated again. The sequence `known` is tried first, and one of the starts
-    continues from it: the worst of smaller errors, so that the harm found for larger ones is never less.
+    Those whose scores are `before` are not simulated again. The sequence `start_point` is tried first, and one of the
+    starts continues from it: the worst of smaller errors, so that the harm of larger ones is never less.
     """
     sampler = Evolution(
-        space.centre, starts=effort.starts, population=effort.sequences, seed=effort.search_seed, known=known
+        space.centre,
+        starts=effort.starts,
+        population=effort.sequences,
+        seed=effort.search_seed,
+        start_point=start_point,
     )
     best_score, best = -np.inf, np.zeros(space.dimension)
     for number in range(effort.generations):

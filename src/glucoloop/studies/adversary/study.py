@@ -102,21 +102,21 @@ class _GenerationScores(NamedTuple):
 def rows(config: Adversary) -> Rows[_GenerationScores]:
     """Rows that are kept: the scores of each generation."""
     names = {_name(search.key) for searches in loops(config) for search in searches}
-    wanted = len(names) * config.generations
+    amount = len(names) * config.generations
 
     def row(cells: Mapping[str, Any], before: Sequence[_GenerationScores]) -> _GenerationScores:
         results = _GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
         number = sum(other.search == results.search for other in before)
-        known = results.search in names and results.generation == number < config.generations
-        if not known or results.score.shape != (config.lanes,):
+        expected = results.search in names and results.generation == number < config.generations
+        if not expected or results.score.shape != (config.lanes,):
             raise Refusal("this is no generation of the search")
         return results
 
     return Rows(
         file=ADVERSARY.results,
         what="generations",
-        wanted=wanted,
-        most=wanted,
+        wanted=amount,
+        most=amount,
         schema={"search": pl.String, "generation": pl.Int64, "score": pl.List(pl.Float64)},
         cells=lambda scores: {**scores._asdict(), "score": scores.score.tolist()},
         row=row,

@@ -18,8 +18,8 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
 from glucoloop.report.charts import extent
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
+from glucoloop.report.periods import validity_sentence
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.validity import validity_sentence
 from glucoloop.situations.run import Run
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound import BoundRequest
@@ -43,7 +43,7 @@ class _Bounds:
     hedged: dict[str, HedgedDoses]
 
     @property
-    def drawn(self) -> dict[str, OptimalDoses]:
+    def curves(self) -> dict[str, OptimalDoses]:
         """All plans for the meals as they are."""
         return {**self.plans, **{label: hedged.meal for label, hedged in self.hedged.items()}}
 
@@ -151,7 +151,7 @@ def _information_label(known_after_min: float) -> str:
 
 def _notes(config: BoundRequest, bounds: _Bounds) -> Iterator[str]:
     """Sentences on the plans that are not what they should be, and on what the numbers mean."""
-    for label, plan in bounds.drawn.items():
+    for label, plan in bounds.curves.items():
         if not plan.converged:
             yield (
                 f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
@@ -216,7 +216,7 @@ def files_of(config: BoundRequest, results: Results) -> dict[str, bytes]:
     """The figure of all plans."""
     title = f"The best that could be done at {config.place}"
     bouts = config.as_scenario().exercise
-    figure = _plot_bound(results.extra.drawn, config.eaten(), bouts, title=title, limits=config.limits)
+    figure = _plot_bound(results.extra.curves, config.eaten(), bouts, title=title, limits=config.limits)
     return figure_files("figure", figure)
 
 

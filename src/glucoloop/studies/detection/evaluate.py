@@ -89,15 +89,15 @@ def _recorded_days(
     def block(fasting: bool, place: Numbers) -> _Days:
         whose, which = person[place], day[place]
         with one_at_a_time:
-            drawn = people_of(trial, whose)
+            people = people_of(trial, whose)
             meals = _meals(detection, whose, which, fasting=fasting)
             keys = jax.vmap(jax.random.fold_in)(keys_of_people(trial.seed, whose), jnp.asarray(2 * which + fasting))
-        run = loop.run(drawn, keys, meals=meals)
+        run = loop.run(people, keys, meals=meals)
         return _Days(
             person=whose,
             day=which,
             meals=meals,
-            basal_insulin_mU_min=drawn.basal_insulin_mU_min,
+            basal_insulin_mU_min=people.basal_insulin_mU_min,
             reading_mg_dl=np.asarray(run.reading_mg_dl),
             insulin_mU_min=np.asarray(run.reported_mU_min),
             glucose_mg_dl=run.glucose_mg_dl[:-1],
@@ -131,9 +131,9 @@ def _meals(detection: Detection, person: Numbers, day: Numbers, *, fasting: bool
     if fasting or not number:
         none = np.zeros((max(1, number), person.size))
         return Eaten(t_min=none, carbs_g=none, eating_min=none)
-    drawn = draw_meals(detection.all_days, detection.trial.seed, person)
+    planned = draw_meals(detection.all_days, detection.trial.seed, person)
     rows, columns = day * number + np.arange(number)[:, None], np.arange(person.size)
-    of_day = jax.tree.map(lambda part: part[rows, columns], drawn)
+    of_day = jax.tree.map(lambda part: part[rows, columns], planned)
     return _in_order(dataclasses.replace(of_day, t_min=of_day.t_min - MIN_PER_DAY * day))
 
 

@@ -161,10 +161,10 @@ def _lines(rows: Mapping[str, Row], columns: Sequence[Column]) -> list[Line]:
     lines: list[Line] = []
     for group, of_group in headings(columns):
         texts = {name: "  ".join(column.value_text(row) for column in of_group) for name, row in rows.items()}
-        known = {
+        available = {
             name: text if rows[name][of_group[0].name] is not None else NOT_AVAILABLE for name, text in texts.items()
         }
-        lines.append((group, [{**known, "unit": of_group[0].head}]))
+        lines.append((group, [{**available, "unit": of_group[0].head}]))
     return lines
 
 

@@ -246,8 +246,8 @@ def _of_worst(risk: Array, seed: int, best: int, second: int) -> tuple[float, fl
     """Interval of the difference of the worst-off, by a bootstrap over the people; without bounds for few of them."""
     if _tenth(len(risk)) < _FEWEST:
         return -math.inf, math.inf
-    drawn = np.random.default_rng(seed).integers(0, len(risk), (_RESAMPLES, len(risk)))
-    worst = [_worst_mean(risk[drawn, column].T) for column in (best, second)]
+    resampled = np.random.default_rng(seed).integers(0, len(risk), (_RESAMPLES, len(risk)))
+    worst = [_worst_mean(risk[resampled, column].T) for column in (best, second)]
     low, high = np.quantile(worst[1] - worst[0], _INTERVAL)
     return float(low), float(high)
 

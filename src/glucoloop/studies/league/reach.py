@@ -41,15 +41,15 @@ class BestDoses:
     def __init__(self) -> None:
         self._last: tuple[Trial, int, LeastRiskDoses] | None = None
 
-    def of(self, trial: Trial, person: int, known: str) -> dict[str, npt.NDArray[Any]]:
+    def of(self, trial: Trial, person: int, information: str) -> dict[str, npt.NDArray[Any]]:
         """A person of a trial under the best doses: ``person``, ``able``, and the metrics, NaN where not known."""
-        drawn, scenario = person_of(trial, person)
-        able, metrics = bool(drawn.feasible[0]), dict.fromkeys(METRICS, math.nan)
+        people, scenario = person_of(trial, person)
+        able, metrics = bool(people.feasible[0]), dict.fromkeys(METRICS, math.nan)
         if able:
-            patient = of_people(drawn.patient, 0)
+            patient = of_people(people.patient, 0)
             results = self._from_start(trial, person, patient, scenario)
-            if known == ADVANCE:
-                results = _search(trial, patient, scenario, KNOWN[known], results.insulin_mU_min)
+            if information == ADVANCE:
+                results = _search(trial, patient, scenario, KNOWN[information], results.insulin_mU_min)
             metrics |= _metrics(results, trial.sample_time_min)
         columns = {name: np.array([value]) for name, value in metrics.items()}
         return {"person": np.array([person]), "able": np.array([able]), **columns}
@@ -95,14 +95,16 @@ def beside(people: pl.DataFrame, best: pl.DataFrame, scenarios: int) -> pl.DataF
     line of a person over all cells stand the means over all `scenarios`.
     """
     place = ("family", "scenario", "person")
-    for known in KNOWN:
-        names = {f"{known}_{name}": pl.col(metric) for name, metric in _OF.items()}
-        of = best.filter(controller=known).select(*place, **names)
+    for information in KNOWN:
+        names = {f"{information}_{name}": pl.col(metric) for name, metric in _OF.items()}
+        of = best.filter(controller=information).select(*place, **names)
         over = of.group_by("family", "person", maintain_order=True).agg(pl.col(*names).mean(), pl.len())
         over = over.filter(pl.col("len") == scenarios).with_columns(scenario=pl.lit(ALL)).select(of.columns)
         people = people.join(pl.concat([of, over]), on=place, how="left", maintain_order="left").with_columns(
-            (pl.col("gri") - pl.col(f"{known}_gri")).alias(f"gri_above_{known}"),
-            (pl.col(f"{known}_in_range_pct") - pl.col("time_70_180_pct")).alias(f"in_range_below_{known}_pct"),
+            (pl.col("gri") - pl.col(f"{information}_gri")).alias(f"gri_above_{information}"),
+            (pl.col(f"{information}_in_range_pct") - pl.col("time_70_180_pct")).alias(
+                f"in_range_below_{information}_pct"
+            ),
         )
     same = pl.col("start_gri").is_not_null()
     return people.with_columns(
@@ -125,15 +127,15 @@ def _means(of: str, group: str) -> list[Column]:
     ]
 
 
-def _distance(known: str) -> list[Column]:
+def _distance(information: str) -> list[Column]:
     """Distance from the best doses with its intervals, of which the page has one; the files have them all."""
-    more, label = functools.partial(difference, factor="same_factor"), _LABELS[known]
-    short = "GRI over\nbest" if known == START else None
-    gri, *gri_interval = more(f"gri_above_{known}", f"gri_above_{known}", label, short)
-    below, *below_interval = more(f"in_range_below_{known}_pct", f"in_range_below_{known}_pct", label)
-    interval = gri_interval if known == START else map(_not_on_page, gri_interval)
-    shown = replace(gri, head="GRI above"), *interval, replace(below, head="70-180 (%) below")
-    return [*shown, *map(_not_on_page, below_interval)]
+    more, label = functools.partial(difference, factor="same_factor"), _LABELS[information]
+    short = "GRI over\nbest" if information == START else None
+    gri, *gri_interval = more(f"gri_above_{information}", f"gri_above_{information}", label, short)
+    below, *below_interval = more(f"in_range_below_{information}_pct", f"in_range_below_{information}_pct", label)
+    interval = gri_interval if information == START else map(_not_on_page, gri_interval)
+    on_page = replace(gri, head="GRI above"), *interval, replace(below, head="70-180 (%) below")
+    return [*on_page, *map(_not_on_page, below_interval)]
 
 
 def _not_on_page(column: Column) -> Column:

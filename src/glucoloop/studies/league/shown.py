@@ -208,7 +208,7 @@ def page(config: League, results: Results) -> str:
         sentences=_harms(config, results),
         facts=facts,
         repeat=Repeat("league --config league.toml", config.tree(whole=True), files, given=config.tree()),
-        asked=config,
+        config=config,
         about=results.plain["families"],
         verdicts=dict(zip(by_family, _verdicts(results), strict=True)),
         rankings=results.plain["rankings"],
@@ -221,7 +221,7 @@ def page(config: League, results: Results) -> str:
             for family, of_family in groupby(results.plain["nearest"], lambda row: row["family"])
         ],
         nearest_columns=reach.NEAREST,
-        told=reach.CAPTION,
+        nearest_caption=reach.CAPTION,
         distances={family: reach.distances(rows) if config.bound_people else "" for family, rows in by_family.items()},
         absent=results.plain["absent"],
     )

@@ -7,21 +7,23 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import polars as pl
 
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.distribution import gri_zone
+from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, glucose_episodes
+from glucoloop.metrics.readings.profile import by_day
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.records import FileRefusal
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import FittingTable, lines_table
-from glucoloop.report.record_goals import GOALS
-from glucoloop.report.record_groups import ReportedGroup, ReportedRecord, groups_of, warnings
-from glucoloop.report.record_page import MAX_IN_FULL, number_columns, number_rows, record_page
+from glucoloop.report.record_goals import GOALS, Goals
+from glucoloop.report.record_groups import Reported, ReportedGroup, ReportedRecord, groups_of, warnings
+from glucoloop.report.record_page import MAX_IN_FULL, SHORT_NUMBERS, number_columns, number_rows, record_page
 from glucoloop.storage.results import Results
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
-from glucoloop.studies.record_report.file_tables import file_tables
 from glucoloop.studies.record_report.sources import NamedReadings, read, sources_of
-from glucoloop.text import how_many, percent, the_first
+from glucoloop.text import how_many, the_first
 from glucoloop.units import MIN_PER_DAY
 
 _MAX_ROWS: Final = 60
@@ -73,7 +75,7 @@ def results_of(config: RecordRequest, progress: Callable[[int], None]) -> Result
         "goals": config.goals,
         "notes": [*_on_unread(unread), *warnings(records)],
     }
-    return Results(plain, file_tables(records, groups, GOALS[config.goals]), _Extra(records, unread))
+    return Results(plain, _file_tables(records, groups, GOALS[config.goals]), _Extra(records, unread))
 
 
 def _reported(one: NamedReadings, period: Period, *, several: bool) -> ReportedRecord:
@@ -148,12 +150,11 @@ def _rows_table(head: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> A
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column(head)
-    for name in ("Days", "Active", "GMI", "CV", "< 54", "< 70", "70-180", "> 180", "> 250", "GRI"):
-        table.add_column(name, justify="right")
-    shares = ("below_54", "below_70", "70_180", "above_180", "above_250")
+    columns = [number for number in SHORT_NUMBERS if number.terminal]
+    for number in columns:
+        table.add_column(number.terminal, justify="right")
     for label, of in rows:
-        first = [f"{of['days']:.1f}", percent(of["active_pct"]), f"{of['gmi_pct']:.1f} %", percent(of["cv_pct"])]
-        table.add_row(Text(label), *first, *(percent(of[f"time_{s}_pct"]) for s in shares), f"{of['gri']:.1f}")
+        table.add_row(Text(label), *(number.text(of[number.result]) for number in columns))
     return table
 
 
@@ -173,3 +174,70 @@ def next_steps(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     """Sentence on the page."""
     if "report.html" in files:
         yield f"Open {files['report.html']} in a browser; it needs no network, and prints on paper."
+
+
+def _file_tables(
+    records: Sequence[ReportedRecord], groups: Sequence[ReportedGroup], goals: Goals
+) -> dict[str, pl.DataFrame]:
+    """Tables by the names of their files."""
+    reported: list[Reported] = [*records, *groups]
+    about = [{"record": one.label, "group": one.group or None, "period": one.period or None} for one in records]
+    texts = dict.fromkeys(("record", "group", "period"), pl.String)
+    metrics = pl.DataFrame(
+        [{**a, **one.numbers} for a, one in zip(about, records, strict=True)], schema_overrides=texts
+    )
+    metrics = metrics.fill_nan(None)
+    days = [
+        {"record": one.label, "day": one.readings.date(day), **of}
+        for one in records
+        for day, of in by_day(one.readings)
+    ]
+    listed = [
+        (one.label, kind, one.readings.moment(ep.t_min), ep.duration_min, ep.extreme_mg_dl, ep.extended, ep.nocturnal)
+        for one in records
+        for kind in BOUNDS_MG_DL
+        for ep in glucose_episodes(one.readings, kind)
+    ]
+    return {
+        "metrics.csv": metrics,
+        "metrics.parquet": metrics,
+        "days.csv": pl.DataFrame(days).fill_nan(None) if days else pl.DataFrame(schema={"record": pl.String}),
+        "episodes.csv": pl.DataFrame(listed, schema=_EPISODE_COLUMNS, orient="row"),
+        "profile.csv": pl.concat([_profile_table(one) for one in reported]),
+        **({"groups.csv": _groups_table(groups, goals)} if groups else {}),
+    }
+
+
+def _groups_table(groups: Sequence[ReportedGroup], goals: Goals) -> pl.DataFrame:
+    """A row for each number of each group, with the share of the people who reach its goal."""
+
+    def reached(group: ReportedGroup, name: str) -> float | None:
+        goal = goals.goals.get(name)
+        if goal is None:
+            return None
+        return 100.0 * sum(goal.reached(one.numbers[name]) for one in group.records) / len(group.records)
+
+    rows = [
+        {"group": group.label, "metric": name, **spread._asdict(), "goal_reached_pct": reached(group, name)}
+        for group in groups
+        for name, spread in group.spreads.items()
+    ]
+    return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)
+
+
+_EPISODE_COLUMNS: Final = {
+    "record": pl.String,
+    "kind": pl.String,
+    "begin": pl.String,
+    "duration_min": pl.Float64,
+    "extreme_mg_dl": pl.Float64,
+    "extended": pl.Boolean,
+    "nocturnal": pl.Boolean,
+}
+
+
+def _profile_table(record: Reported) -> pl.DataFrame:
+    profile = record.profile
+    curves = {f"glucose_{name}_pct_mg_dl": values for name, values in profile.percentiles_mg_dl.items()}
+    columns = {"time_of_day_min": profile.t_min, "readings": profile.readings, **curves}
+    return pl.DataFrame(columns).fill_nan(None).select(pl.lit(record.label).alias("record"), pl.all())

@@ -200,13 +200,13 @@ def _loop(
     return dataclasses.replace(runs[0], glucose_mg_dl=joined("glucose_mg_dl"), insulin_mU_min=joined("insulin_mU_min"))
 
 
-def _residual(days: RecordedDays, seen: Values) -> Values:
+def _residual(days: RecordedDays, twin_mg_dl: Values) -> Values:
     """Reading minus the twin at each sample ``(people, samples + 1)``; 0 where readings are missing for long."""
-    t_min = SAMPLE_MIN * np.arange(seen.shape[1])
+    t_min = SAMPLE_MIN * np.arange(twin_mg_dl.shape[1])
     reading = np.interp(t_min, days.reading_min, days.reading_mg_dl)
     after = np.clip(np.searchsorted(days.reading_min, t_min), 1, days.reading_min.size - 1)
     gap = days.reading_min[after] - days.reading_min[after - 1]
-    return np.where(gap <= _LONGEST_FILLED_MIN, reading - seen, 0.0)
+    return np.where(gap <= _LONGEST_FILLED_MIN, reading - twin_mg_dl, 0.0)
 
 
 def _record(days: RecordedDays) -> _Arm:
@@ -307,7 +307,7 @@ def sentences(config: ReplayRequest, results: Results) -> Iterator[str]:
 def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
     """The page and the figure."""
     replayed: _Replayed = results.extra
-    shown = _shown(replayed)
+    days = _days_of_picture(replayed)
     page = render(
         Path(__file__).with_name("page.html"),
         "Replay of a record",
@@ -320,14 +320,14 @@ def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
             "People": f"the twin and {results.plain['people'] - 1} drawn from its posterior",
         },
         script=True,
-        plot=days_plot(shown, "90 % of people"),
+        plot=days_plot(days, "90 % of people"),
         rows=[(name, [("", row) for row in rows]) for name, rows in _lines(results)],
         columns=_COLUMNS,
     )
-    return {"page.html": page.encode(), **figure_files("figure", plot_days(shown))}
+    return {"page.html": page.encode(), **figure_files("figure", plot_days(days))}
 
 
-def _shown(replayed: _Replayed) -> DaysShown:
+def _days_of_picture(replayed: _Replayed) -> DaysShown:
     """The last days."""
     days = replayed.days
     begin = max(WARM_UP_MIN, days.length_min - _SHOWN_DAYS * MIN_PER_DAY)

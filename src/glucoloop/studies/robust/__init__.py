@@ -23,7 +23,7 @@ from glucoloop.situations.ranges import RANGES as RANGES_KEY
 from glucoloop.situations.ranges import ranges_parted, with_ranges
 from glucoloop.studies.guarded import PAPER_MEAL
 from glucoloop.studies.study import SearchStudy
-from glucoloop.tuning.settings import SAMPLERS, SamplerPart
+from glucoloop.tuning.samplers import SAMPLERS, SamplerPart
 
 BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""

@@ -422,28 +422,28 @@ class SearchEngine:
 
         Refusal for a sampler that asks for other tunings than it did before.
         """
-        config, known = self.config, list(before)
+        config, rows = self.config, list(before)
         start = None
         if all(setting.holds(config.initial[setting.name]) for setting in config.space):
             start = {setting.name: setting.rounded(config.initial[setting.name]) for setting in config.space}
         sampler = config.sampler.made(space=config.space, batch=config.batch, start=start)
         for first in range(0, config.rounds * config.batch, config.batch):
             tunings = sampler.ask(config.batch)
-            held = known[first : first + config.batch]
-            for candidate, tuning in zip(held, tunings, strict=False):
+            stored = rows[first : first + config.batch]
+            for candidate, tuning in zip(stored, tunings, strict=False):
                 if _tuning_of(config, candidate) != tuning:
                     raise Refusal(
                         f"candidate {candidate['candidate']} of the search was another tuning than "
                         f"{config.sampler.called} proposes now; go on with the libraries with which it was begun, or "
                         "begin again with --overwrite"
                     )
-            todo = tunings[len(held) :]
+            todo = tunings[len(stored) :]
             runs = self._loop(config.tuned).run(self.subjects, todo) if todo else ()
             for tuning, metrics in zip(todo, runs, strict=True):
-                place = {"candidate": len(known), "round": first // config.batch}
-                known.append({**place, **tuning, **self._scores(metrics)})
-                yield known[-1]
-            sampler.tell([self._outcome(candidate) for candidate in known[first : first + config.batch]])
+                place = {"candidate": len(rows), "round": first // config.batch}
+                rows.append({**place, **tuning, **self._scores(metrics)})
+                yield rows[-1]
+            sampler.tell([self._outcome(candidate) for candidate in rows[first : first + config.batch]])
 
     def results_of(self, rows: Sequence[Candidate]) -> Results:
         """Choose a tuning, and check it."""

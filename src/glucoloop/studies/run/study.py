@@ -113,9 +113,9 @@ def _notes_on_bound(config: Comparison, loops: ClosedLoops) -> Iterator[str]:
     if bound is None:
         return
     after_min = bound.known_after_min
-    known = f"{after_min:g} min after its start" if after_min > 0.0 else "from its start"
+    information = f"{after_min:g} min after its start" if after_min > 0.0 else "from its start"
     yield (
-        f"The bound is that of a controller that knows each meal {known}, the patient and the pump's limits"
+        f"The bound is that of a controller that knows each meal {information}, the patient and the pump's limits"
         f"{'' if bound.converged else '; it did not converge, so it is not a bound'}."
     )
     for label, outcome in loops.outcomes.items():

@@ -10,7 +10,7 @@ import numpy as np
 
 from glucoloop.cohorts.engine import PreparedTrial, alone
 from glucoloop.control import Status
-from glucoloop.report.moments import period_text
+from glucoloop.report.periods import period_text
 from glucoloop.text import glucose_text, how_many
 
 _LOW_MG_DL: Final = 60.0
@@ -57,14 +57,14 @@ def _sentences(trace: Any, sample_time_min: float, start_min: float = 0.0) -> It
 
 
 def _on_readings(trace: Any, before: Any) -> Iterator[str]:
-    known = trace.reading_valid & np.isfinite(trace.reading_mg_dl)
-    missing = int((~known & before).sum())
+    valid = trace.reading_valid & np.isfinite(trace.reading_mg_dl)
+    missing = int((~valid & before).sum())
     if missing:
         yield f"Of the {int(before.sum())} readings before it {how_many(missing, 'was', 'were')} missing."
-    seen = before & known
-    if not seen.any():
+    used = before & valid
+    if not used.any():
         return
-    error = (trace.reading_mg_dl - trace.glucose_mg_dl)[seen]
+    error = (trace.reading_mg_dl - trace.glucose_mg_dl)[used]
     middle, largest = float(np.median(error)), float(error[np.abs(error).argmax()])
     if abs(middle) > _BIAS_MG_DL:
         yield f"Readings were {abs(middle):.0f} mg/dl too {'high' if middle > 0.0 else 'low'} in the median before it."
@@ -79,11 +79,11 @@ def _on_pump(trace: Any, so_far: Any, sample_time_min: float) -> Iterator[str]:
         (trace.reported_mU_min, trace.reported_bolus_mU),
     )
     # boluses count evenly
-    command, given, reported = (
+    command, delivered, reported = (
         (rate if bolus is None else rate + bolus / sample_time_min)[so_far] for rate, bolus in doses
     )
-    lost = float((command - given).sum() / max(command.sum(), 1.0))
+    lost = float((command - delivered).sum() / max(command.sum(), 1.0))
     if lost > _LESS:
         yield f"Until then the pump had delivered {100.0 * lost:.0f} % less than it was told."
-    if float(np.nansum(reported - given)) > _LESS * float(given.sum()):
+    if float(np.nansum(reported - delivered)) > _LESS * float(delivered.sum()):
         yield "It had not said so."

@@ -301,8 +301,8 @@ def _left_out(results: Results) -> Iterator[str]:
 def _passing(grid: _Grid) -> Iterator[str]:
     texts: list[str] = []
     for guarded in reversed(grid.guards):
-        known = [row for row in grid.under_faults(guarded) if row["people"]]
-        passing = f"{_GUARDS[guarded].capitalize()}, {sum(not row['worse'] for row in known)} of {len(known)}"
+        tried_rows = [row for row in grid.under_faults(guarded) if row["people"]]
+        passing = f"{_GUARDS[guarded].capitalize()}, {sum(not row['worse'] for row in tried_rows)} of {len(tried_rows)}"
         texts.append(
             f"{passing} passed."
             if texts

@@ -287,5 +287,5 @@ def _notes(trial: Trial, summary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _persons(trial: Trial, named: Mapping[str, Any]) -> str:
-    shown = ", ".join(trial.population.called(trial.seed, named["person"][:_NAMED]))
-    return f"person {shown}" if named["count"] <= _NAMED else f"person {shown} and others, see summary.json"
+    names = ", ".join(trial.population.called(trial.seed, named["person"][:_NAMED]))
+    return f"person {names}" if named["count"] <= _NAMED else f"person {names} and others, see summary.json"

@@ -26,9 +26,8 @@ from glucoloop.storage.results import Results
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on
 from glucoloop.studies.tuning import GridSearch
 from glucoloop.text import how_many
-from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.search import search, usual_tuning
+from glucoloop.tuning.search import designer, kind_of_tuning, search, usual_tuning
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 MAX_ROWS: Final = 200
@@ -124,10 +123,10 @@ def _counts(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
 
 def _no_picture(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
     """Sentence on why there is no picture, if there is none."""
-    shown = surface.only(_grid_of(config))
+    plotted = surface.only(_grid_of(config))
     try:
-        layout(shown)
-        if not np.isfinite(shown.sse).any():
+        layout(plotted)
+        if not np.isfinite(plotted.sse).any():
             raise Refusal("the surface has no finite sum of squared errors to show")
     except Refusal as error:
         yield f"No picture was drawn: {error}."
@@ -165,7 +164,7 @@ def _lines_of(searched: _Searched, top: int) -> tuple[list[Line], list[Line]]:
     def line(point: int) -> Line:
         tuning = surface.tunings[point]
         rank, is_printed = surface.rank_of(tuning).rank, tuning == printed.tuning
-        remarks = ", ".join([*([printed.called] if is_printed else []), *_faults(surface, point)])
+        remarks = ", ".join([*([printed.label] if is_printed else []), *_faults(surface, point)])
         texts = {"settling": _settling(surface, point), "remarks": remarks, "printed": is_printed}
         return "-" if rank is None else str(rank), [{**rows[point], **texts}]
 
@@ -189,7 +188,7 @@ def tables(config: GridSearch, results: Results) -> Iterator[FittingTable]:
 def sentences(config: GridSearch, results: Results) -> Iterator[str]:
     """Sentence on the usual tuning among the others."""
     printed: TuningRank = results.extra.printed
-    subject = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
+    subject = f"The {printed.label} tuning {tuning_text(printed.tuning)}"
     if printed.rank is None:
         yield f"{subject} is not acceptable here."
     elif printed.points == 1:
@@ -226,9 +225,9 @@ def files_of(config: GridSearch, results: Results) -> dict[str, bytes]:
     if not any(_no_picture(config, searched.surface)):
         # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere
         printed = searched.printed
-        shown = searched.surface.only(_grid_of(config))
+        plotted = searched.surface.only(_grid_of(config))
         files |= figure_files(
-            "surface", plot_surface(shown, printed=printed.tuning, called=printed.called, title=title)
+            "surface", plot_surface(plotted, printed=printed.tuning, label=printed.label, title=title)
         )
     return files
 
@@ -248,13 +247,13 @@ _EMPTY: Final = dict.fromkeys(("text", "marks", "ground", "ink"), "")
 
 def _surface_page(searched: _Searched, title: str, grid: Sequence[MPCTuning], **common: Any) -> str:
     """The page of a search: every place of the grid, and the first tunings in order; `common` as for `render`."""
-    shown, printed = searched.surface.only(grid), searched.printed
+    plotted, printed = searched.surface.only(grid), searched.printed
     best, beyond = _lines_of(searched, MAX_ROWS)
     values: dict[str, Any] = {
         "panels": [],
         "printed": printed,
         "printed_text": tuning_text(printed.tuning),
-        "beside": printed.tuning not in shown.tunings,
+        "beside": printed.tuning not in plotted.tunings,
         "points": len(searched.surface.tunings),
         "most_rows": MAX_ROWS,
         "columns": [column for column in _COLUMNS if column.only(best[0][1][0])],
@@ -263,7 +262,7 @@ def _surface_page(searched: _Searched, title: str, grid: Sequence[MPCTuning], **
         "impossible": CELL_WORDS["impossible"],
     }
     try:
-        places = layout(shown)
+        places = layout(plotted)
     except Refusal as error:
         values["why_not"] = str(error)
     else:
@@ -272,7 +271,7 @@ def _surface_page(searched: _Searched, title: str, grid: Sequence[MPCTuning], **
             "upwards": _axis(places.y),
             "corner": f"{_SYMBOLS[places.y]} \\ {_SYMBOLS[places.x]}",
             "foot": [f"{value:g}" for value in places.levels[places.x]],
-            "panels": list(_panels(shown, printed, places)),
+            "panels": list(_panels(plotted, printed, places)),
         }
     return render(Path(__file__).with_name("page.html"), title, **common, **values)
 

@@ -122,14 +122,14 @@ def sentences(config: TwinRequest, results: Results) -> Iterator[str]:
 def files_of(config: TwinRequest, results: Results) -> dict[str, bytes]:
     """The person and the posterior as files of people, the figure, and the page."""
     twin: Twin = results.extra
-    shown = _shown(twin)
+    days = _days_of_picture(twin)
     page = render(
         Path(__file__).with_name("page.html"),
         f"Twin of {twin.patient}",
         sentences=[*sentences(config, results), *results.plain["notes"]],
         facts=_facts(twin),
         script=True,
-        plot=days_plot(shown, "90 % interval"),
+        plot=days_plot(days, "90 % interval"),
         rows=[(row["parameter"], [("", row)]) for row in results.plain["parameters"]],
         columns=_COLUMNS,
         person=f"{twin.patient}, person={_PERSON}:twin",
@@ -140,7 +140,7 @@ def files_of(config: TwinRequest, results: Results) -> dict[str, bytes]:
         _PERSON: _text(twin.person()),
         _POSTERIOR: _text(twin.posterior()),
         "page.html": page.encode(),
-        **figure_files("figure", plot_days(shown)),
+        **figure_files("figure", plot_days(days)),
     }
 
 
@@ -148,7 +148,7 @@ def _text(population: Population) -> bytes:
     return tomli_w.dumps(population_keys(population)).encode()
 
 
-def _shown(twin: Twin) -> DaysShown:
+def _days_of_picture(twin: Twin) -> DaysShown:
     """Readings, the twin and its band: of the days held out, or of the last two that were used."""
     days, held_out = twin.days, twin.held_out
     begin = days.length_min - 2.0 * MIN_PER_DAY if held_out is None else twin.fitted_min[1]

@@ -197,9 +197,7 @@ class _RandomFaults:
         values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
         if entry.idle:
             values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
-        if not hasattr(usual, "episodes"):
-            return dataclasses.replace(usual, **values)
-        return usual.replaced(**values, episodes=episodes)
+        return usual.replaced(**values, **({"episodes": episodes} if hasattr(usual, "episodes") else {}))
 
     def texts(self, person: int) -> list[str]:
         """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""
@@ -207,65 +205,65 @@ class _RandomFaults:
 
     def _text(self, kind: str, person: int) -> str:
         entry, episodes = _entry(kind), _at(self.episodes[kind], person)
-        given = {KEY: episodes.key, **self.order.shared[kind]}
+        settings = {KEY: episodes.key, **self.order.shared[kind]}
         for setting, values in self.settings[kind].items():
             value = float(values[person])
-            given[setting] = int(value) if entry.settings()[setting].kind is int else value
+            settings[setting] = int(value) if entry.settings()[setting].kind is int else value
         often, lasts = float(episodes.probability), float(episodes.length)
         if entry.each_sample is not None:
-            given[entry.each_sample] = often
+            settings[entry.each_sample] = often
         elif entry.timed:
             if often > 0.0:
-                given[PER_DAY] = often * (MIN_PER_DAY / SAMPLE_MIN)
+                settings[PER_DAY] = often * (MIN_PER_DAY / SAMPLE_MIN)
             else:
-                given[START] = float(episodes.earliest) * SAMPLE_MIN
+                settings[START] = float(episodes.earliest) * SAMPLE_MIN
             if math.isfinite(lasts):
-                given[DURATION] = lasts * SAMPLE_MIN
-        return entry(**given).text
+                settings[DURATION] = lasts * SAMPLE_MIN
+        return entry(**settings).text
 
 
 def _random_faults(order: _Order, seed: int, person: npt.ArrayLike, samples: int) -> _RandomFaults:
     """Faults of some persons in a run of so many samples."""
     people = np.asarray(person, np.int64)
 
-    def drawn(name: str, index: int = 0) -> Floats:
+    def uniform(name: str, index: int = 0) -> Floats:
         return uniforms(seed, f"fault {name}", people, index)
 
     def settings(kind: str) -> dict[str, Floats]:
         def even(low: float, high: float, index: int = 0) -> Floats:
-            return low + (high - low) * drawn(f"size {kind}", index)
+            return low + (high - low) * uniform(f"size {kind}", index)
 
         return {name: np.asarray(draw(even)) for name, draw in _entry(kind).drawn.items()}
 
-    many = np.floor((_MAX_AT_ONCE + 1) * drawn("how many"))
-    rank = np.argsort(np.argsort([drawn(f"which {kind}") for kind in KINDS], axis=0), axis=0)
+    many = np.floor((_MAX_AT_ONCE + 1) * uniform("how many"))
+    rank = np.argsort(np.argsort([uniform(f"which {kind}") for kind in KINDS], axis=0), axis=0)
     there = {kind: rank[place] < many for place, kind in enumerate(KINDS)}
     return _RandomFaults(
         order=order,
         there=there,
         settings={kind: settings(kind) for kind in KINDS},
-        episodes={kind: _episodes(kind, there[kind], samples, drawn) for kind in KINDS},
-        noise_variance=np.where(drawn("noise") < 0.3, 0.0, 25.0 * drawn("noise variance") ** 2),
-        noise_bound_mg_dl=3.0 + 27.0 * drawn("noise bound"),
+        episodes={kind: _episodes(kind, there[kind], samples, uniform) for kind in KINDS},
+        noise_variance=np.where(uniform("noise") < 0.3, 0.0, 25.0 * uniform("noise variance") ** 2),
+        noise_bound_mg_dl=3.0 + 27.0 * uniform("noise bound"),
     )
 
 
-def _episodes(kind: str, there: npt.NDArray[np.bool_], samples: int, drawn: Callable[..., Floats]) -> Episodes:
+def _episodes(kind: str, there: npt.NDArray[np.bool_], samples: int, uniform: Callable[..., Floats]) -> Episodes:
     """Times of a kind of fault for each person, planned or random."""
     first: Any
     length: Any
     often: Any
     if _entry(kind).each_sample is not None:
-        often = np.where(there, drawn("share"), 0.0)
+        often = np.where(there, uniform("share"), 0.0)
         first, length = np.full(there.shape, np.inf), np.where(there, 1.0, np.inf)
     else:
-        recurs = there & (drawn(f"by chance {kind}") < _RECURS)
-        often = np.where(recurs, 2.0 ** -np.floor(2.0 + 6.0 * drawn(f"often {kind}")), 0.0)
-        lasts = 1.0 + np.floor(_LONGEST_SAMPLES * drawn(f"length {kind}"))
+        recurs = there & (uniform(f"by chance {kind}") < _RECURS)
+        often = np.where(recurs, 2.0 ** -np.floor(2.0 + 6.0 * uniform(f"often {kind}")), 0.0)
+        lasts = 1.0 + np.floor(_LONGEST_SAMPLES * uniform(f"length {kind}"))
         # half of those that come again and again last one sample
-        lasts = np.where(recurs & (drawn(f"single {kind}") < 0.5), 1.0, lasts)
-        length = np.where(~recurs & (drawn(f"endless {kind}") < _TO_THE_END), np.inf, lasts)
-        first = np.where(there & ~recurs, np.floor(samples * drawn(f"onset {kind}")), np.inf)
+        lasts = np.where(recurs & (uniform(f"single {kind}") < 0.5), 1.0, lasts)
+        length = np.where(~recurs & (uniform(f"endless {kind}") < _TO_THE_END), np.inf, lasts)
+        first = np.where(there & ~recurs, np.floor(samples * uniform(f"onset {kind}")), np.inf)
     return Episodes(
         earliest=first,
         latest=first,
@@ -396,9 +394,9 @@ class _WatchedLoops:
         trial, seed = self._trial, self._trial.seed
         faults = _random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
-            drawn = _draw_people(seed, person, trial.patient.text)
+            people = _draw_people(seed, person, trial.patient.text)
         run = self.loop.run(
-            drawn,
+            people,
             keys_of_people(seed, person),
             surroundings=self._surroundings(faults),
             meals=_draw_random_meals(seed, person, trial.plan.horizon_min),

@@ -7,9 +7,10 @@ import subprocess
 import numpy as np
 import pytest
 
-from glucoloop.firmware.checks import misra_of
+from glucoloop.firmware.checks import _misra_of
 from glucoloop.native.targets.c.host import _FLAGS, compiler
-from glucoloop.native.targets.c.numbers import FORMATS, helpers, identifier
+from glucoloop.native.targets.c.numbers import FORMATS, helpers
+from glucoloop.native.targets.c.records import _identifier
 
 WANTED = {
     "gl_sqrt": np.sqrt,
@@ -52,7 +53,7 @@ def test_functions_are_those_of_numpy(precision, tmp_path):
 def test_no_required_rule_of_misra_is_broken_by_functions(precision):
     calls = [f"{name}()" for name in WANTED]
     includes = [f"#include <{name}.h>" for name in ("float", "math", "stdbool", "stdint", "string")]
-    check = misra_of({"all.c": "\n".join([*includes, *helpers(calls, FORMATS[precision])])}, "all.c")
+    check = _misra_of({"all.c": "\n".join([*includes, *helpers(calls, FORMATS[precision])])}, "all.c")
     assert check.holds, check.finding
 
 
@@ -67,6 +68,6 @@ def test_no_digit_of_a_constant_is_lost(precision):
 
 
 def test_names_are_names_of_c():
-    assert identifier("given", "on_board") == "given_on_board"
-    assert identifier(3, "x y") == "n3_x_y"
-    assert identifier("float") == "nfloat"
+    assert _identifier("given", "on_board") == "given_on_board"
+    assert _identifier(3, "x y") == "n3_x_y"
+    assert _identifier("float") == "nfloat"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import importlib.resources
-import keyword
 import math
 import re
 from collections.abc import Iterable
@@ -81,22 +80,6 @@ def kind_of(dtype: Any) -> str:
 def type_of(kind: str, format: Format) -> str:
     """The C type of a local variable of a kind."""
     return {REAL: format.type, WHOLE: "int32_t", TRUTH: "bool"}[kind]
-
-
-_C_WORDS: Final = frozenset(
-    re.findall(r"\w+", """
-    auto break case char const continue default do double else enum extern float for goto if inline int long
-    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
-    bool
-    """)
-)  # fmt: skip
-
-
-def identifier(*parts: object) -> str:
-    """A name in C of the parts of a path."""
-    text = re.sub(r"\W+", "_", "_".join(str(part) for part in parts)).strip("_")
-    text = text or "value"
-    return f"n{text}" if text[0].isdigit() or text in _C_WORDS or keyword.iskeyword(text) else text
 
 
 COLUMNS: Final = 10

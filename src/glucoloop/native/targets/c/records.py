@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import keyword
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, identifier, kind_of
+from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, kind_of
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Field:
 
     name: str
     path: str
-    """Path of the field in the tree, for comments."""
+    """Path of the field in the tree."""
     kind: str
     shape: tuple[int, ...]
 
@@ -84,7 +86,7 @@ def record(pointer: str, tree: Any) -> Structure:
     names: dict[str, int] = {}
     fields = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
-        name = identifier(*(_part(key) for key in path))
+        name = _identifier(*(_part(key) for key in path))
         names[name] = names.get(name, 0) + 1
         if names[name] > 1:
             name = f"{name}_{names[name]}"
@@ -97,7 +99,7 @@ def declaration(
 ) -> list[str]:
     """The structure in C, with `Structure.held` in their order, so that there is no gap inside.
 
-    A field without a meaning has its path in the tree as its comment.
+    The comment of a field is its meaning, or else the form of its numbers where the type does not tell it.
     """
     lines = [f"/* {comment} */", "typedef struct", "{"]
     for field in structure.layout:
@@ -106,14 +108,14 @@ def declaration(
         shape = f"shape {field.shape}, row by row" if len(field.shape) > 1 else ""
         truth = "0: no, otherwise: yes" if field.kind == TRUTH else ""
         whole = "a whole number" if field.kind == WHOLE else ""
-        remark = "; ".join(text for text in (field.path if "_" in field.name else "", shape, truth, whole) if text)
+        remark = "; ".join(text for text in (shape, truth, whole) if text)
         remark = remark if meanings is None else meanings.get(field.name, remark)
         lines.append(f"  {type_name} {field.name}{size};" + (f" /* {remark} */" if remark else ""))
     words = sum(field.size for field in structure.layout if field.kind != REAL)
     if format.type == "double" and words % 2:
         lines.append("  int32_t reserved; /* fills the structure to a multiple of 8 bytes; 0 */")
     if not structure.layout:
-        lines.append("  int32_t reserved; /* this controller keeps nothing; 0 */")
+        lines.append("  int32_t reserved; /* this controller has no state; 0 */")
     return [*lines, f"}} {name};"]
 
 
@@ -123,3 +125,19 @@ def _part(key: Any) -> str:
         if hasattr(key, attribute):
             return str(getattr(key, attribute))
     return str(key)
+
+
+_C_WORDS: Final = frozenset(
+    re.findall(r"\w+", """
+    auto break case char const continue default do double else enum extern float for goto if inline int long
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    bool
+    """)
+)  # fmt: skip
+
+
+def _identifier(*parts: object) -> str:
+    """A name in C of the parts of a path."""
+    text = re.sub(r"\W+", "_", "_".join(str(part) for part in parts)).strip("_")
+    text = text or "value"
+    return f"n{text}" if text[0].isdigit() or text in _C_WORDS or keyword.iskeyword(text) else text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -24,17 +25,17 @@ MEANINGS: Final = {
     "observation": {
         "glucose_mg_dl": "reading of the sensor [mg/dl]; any bits where it is not valid",
         "valid": "0: the sensor has no valid reading, otherwise: it has",
-        "setpoint_mg_dl": "glucose that is to be reached [mg/dl]",
+        "setpoint_mg_dl": "target glucose [mg/dl]",
         "delivered_mU_min": "rate that the pump delivered since the last step [mU/min]",
-        "announced_carbs_g": "carbohydrate of a meal that begins before the next step [g]; 0: none, or none is told",
+        "announced_carbs_g": "carbohydrate of a meal that begins before the next step [g]; 0: none announced",
         "announced_in_min": "time from now until that meal is eaten [min]; 0: before the next step",
         "delivered_bolus_mU": "bolus that the pump delivered since the last step, apart from that rate [mU]; 0: none",
         "time_of_day_min": "minutes after midnight, from 0 to below 1440 [min]",
     },
     "decision": {
         "insulin_mU_min": "rate until the next step [mU/min]",
-        "bolus_mU": "insulin to be given at once, beside that rate [mU]; 0: none",
-        "status": "why: one of the numbers of a status, 0 where all is well",
+        "bolus_mU": "bolus, beside that rate [mU]; 0: none",
+        "status": "number of a status; 0: normal",
     },
 }
 """Meanings of the fields of an observation and of a decision."""
@@ -42,17 +43,17 @@ _AROUND: Final = 20
 """Number of bytes of a record around the state: mark, digest and CRC."""
 
 
-def record_bytes(state_bytes: int) -> int:
+def _record_bytes(state_bytes: int) -> int:
     """Number of bytes of a saved state."""
     return state_bytes + _AROUND
 
 
-def header(structures: str, state_bytes: int) -> str:
+def _header(structures: str, state_bytes: int) -> str:
     """The header around the structures."""
-    return template("header.h").replace("@STRUCTURES@", structures).replace("@SIZE@", str(record_bytes(state_bytes)))
+    return template("header.h").replace("@STRUCTURES@", structures).replace("@SIZE@", str(_record_bytes(state_bytes)))
 
 
-def saving(state_bytes: int, design: str) -> str:
+def _saving(state_bytes: int, design: str) -> str:
     """``gl_save`` and ``gl_restore``, for a design with a digest."""
     mark = ["47", "4C", "53", "54", *(design[i : i + 2].upper() for i in range(0, 24, 2))]
     text = "\n" + template("saving.c").replace("@MARK@", ", ".join(f"0x{byte}U" for byte in mark))
@@ -120,7 +121,7 @@ class LastClamp:
         """Definition of the function that is called."""
         real, low, high, change = format.type, *map(format.literal, (self.least, self.most, self.change))
         lines = [
-            "/* The rate, which the limits of the pump have bounded before: once more, so that it can be proved. */",
+            "/* The rate within the limits of the pump, which the step keeps: once more, so that it can be proved. */",
             f"static {real} gl_limited({real} rate, {real} delivered)",
             "{",
             f"const {real} near = gl_inside(delivered, {low}, {high}) ? "
@@ -146,7 +147,7 @@ class Source:
     lowered: tuple[Lowered, Lowered] | None
     """Init and step as scalar programs; None in the compact form."""
     design: str
-    """Digest of the code and of the fields of its structures, which distinguishes saved states."""
+    """SHA-256 of the statements and of the structures, without comments; it distinguishes saved states."""
     record_bytes: int
     """Size of a saved state."""
 
@@ -203,7 +204,8 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
         code = _code(bodies, tables, format, [] if last is None else last.function(format))
     workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in WORKSPACE}
     records = {"state": state, "observation": observation, "decision": decision}
-    design = hashlib.sha256("\n".join([_structures(records, workspace, format), *code]).encode()).hexdigest()
+    statements = _without_comments("\n".join([_structures(records, workspace, format), *code]))
+    design = hashlib.sha256(statements.encode()).hexdigest()
     size = state.memory(traced.precision).itemsize
     head = [
         "/*",
@@ -212,14 +214,14 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
         " */",
     ]
     return Source(
-        header="\n".join([*head, header(_structures(records, workspace, format, MEANINGS), size)]),
-        code="\n".join([*head, *_before(format), *code, saving(size, design)]),
+        header="\n".join([*head, _header(_structures(records, workspace, format, MEANINGS), size)]),
+        code="\n".join([*head, *_before(format), *code, _saving(size, design)]),
         form=form,
         records=records,
         workspace=workspace,
         lowered=lowered,
         design=design,
-        record_bytes=record_bytes(size),
+        record_bytes=_record_bytes(size),
     )
 
 
@@ -255,6 +257,10 @@ def _equations(jaxpr: Any) -> Iterator[Any]:
                 inner = getattr(part, "jaxpr", part)
                 if hasattr(inner, "eqns"):
                     yield from _equations(inner)
+
+
+def _without_comments(code: str) -> str:
+    return re.sub(r"\s*/\*.*?\*/", "", code, flags=re.DOTALL)
 
 
 def _before(format: Format) -> list[str]:
@@ -329,9 +335,9 @@ def _structures(
     meanings: Mapping[str, Mapping[str, str]] | None = None,
 ) -> str:
     comments = {
-        "observation": "What is known at a sample.",
-        "state": "What the controller remembers from sample to sample. The caller keeps it.",
-        "decision": "What the pump is to do until the next sample, and why.",
+        "observation": "Inputs of a step.",
+        "state": "State of the controller between samples. The caller keeps it.",
+        "decision": "Dose until the next sample, and its status.",
     }
     lines: list[str] = []
     for name, comment in comments.items():
@@ -343,6 +349,6 @@ def _structures(
         if workspace[kind] or (kind == TRUTH and not any(workspace.values()))
     ]
     room_comment = (
-        "Memory for the computation of one step; nothing in it lasts. One may serve several controllers in turn."
+        "Working memory of one step, whose content need not be kept. One may serve several controllers in turn."
     )
     return "\n".join([*lines, f"/* {room_comment} */", "typedef struct", "{", *room, "} gl_workspace;"])

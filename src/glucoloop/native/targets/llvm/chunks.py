@@ -53,7 +53,7 @@ class Rounds:
 
 
 @dataclass(frozen=True)
-class ChunkPlan:
+class _ChunkPlan:
     """Division of the whole program into chunks."""
 
     chunks: Sequence[Chunk]
@@ -135,7 +135,7 @@ def plan_chunks(
     fused: Mapping[Value, Value],
     size: int,
     vectors: Mapping[Value, Sequence[Value]] | None = None,
-) -> ChunkPlan:
+) -> _ChunkPlan:
     """Divide values that are computed at every sample into chunks of a size.
 
     `fused` are the products that are computed together with a sum; `vectors` the values that are needed where a loop
@@ -177,7 +177,7 @@ def plan_chunks(
         chunk.stored += [(value, ("%new", i, None)) for value, i, there in following if there == number]
         chunk.written = [(value, i) for value, i, there in outputs if there == number]
     cutter.cells.update({value: ("%old", i, None) for i, value in enumerate(layout.carry)})
-    return ChunkPlan(chunks, cutter.loops, cutter.cells, slots)
+    return _ChunkPlan(chunks, cutter.loops, cutter.cells, slots)
 
 
 def _arguments(program: Program, value: Value, fused: Mapping[Value, Value]) -> list[Value]:

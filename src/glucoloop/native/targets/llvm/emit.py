@@ -12,7 +12,7 @@ from typing import Final
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Value
+from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Program, Value
 from glucoloop.native.targets.llvm.chunks import (
     FITS_THE_CACHE,
     LONG,
@@ -24,7 +24,7 @@ from glucoloop.native.targets.llvm.chunks import (
 )
 from glucoloop.native.targets.llvm.rows import MatrixRows, find_rows
 from glucoloop.native.targets.llvm.vectors import VectorCode
-from glucoloop.native.targets.products import FUSED, fused_products
+from glucoloop.native.targets.products import FUSED
 
 _VECTORS_A_BLOCK: Final = 4
 """Number of vectors that go through a chunk of a longer program while its instructions are in the cache."""
@@ -59,7 +59,7 @@ class Emitter:
 
         results = layout.results
         order = program.needed(results)
-        self._fused_sums = fused_products(program, order, results) if products == FUSED else {}
+        self._fused_sums = _fused_products(program, order, results) if products == FUSED else {}
         self._once = [v for v in order if program.levels[v] == PERSON]
         varying = [v for v in order if program.levels[v] == SAMPLE and v not in self._fused_sums]
         needed = [a for v in order if program.levels[v] == SAMPLE for a in program.operations[v][1]]
@@ -413,3 +413,30 @@ class Emitter:
         other = self._name(arguments[1] if first else arguments[0])
         negated = None if operation == "add" else "other" if first else "product"
         return self._out.fused(a, b, other, negated=negated)
+
+
+def _fused_products(program: Program, order: Sequence[Value], results: Sequence[Value]) -> dict[Value, Value]:
+    """Products that are rounded together with the sum which takes them, with that sum.
+
+    These are the products that one sum alone uses, at most one for each sum; of two, the second. In `order` each value
+    comes after its arguments, and `results` are needed as they are.
+    """
+    uses: dict[Value, int] = {}
+    for value in order:
+        for argument in program.operations[value][1]:
+            uses[argument] = uses.get(argument, 0) + 1
+    for value in results:
+        uses[value] = uses.get(value, 0) + 1
+    fused: dict[Value, Value] = {}
+    for value in order:
+        operation, arguments = program.operations[value]
+        if operation not in ("add", "sub"):
+            continue
+        for argument in reversed(arguments):
+            together = (
+                program.levels[argument] == program.levels[value] and program.homes[argument] == program.homes[value]
+            )
+            if program.operations[argument][0] == "mul" and uses[argument] == 1 and together:
+                fused[argument] = value
+                break
+    return fused

@@ -62,11 +62,6 @@ def _linker_path() -> str | None:
     return shutil.which(_LINKER)
 
 
-def linker_version() -> str:
-    """Version of the linker, as it tells it."""
-    return subprocess.run([_linker(), "--version"], capture_output=True, text=True, check=True).stdout.strip()
-
-
 def _linker() -> str:
     program = _linker_path()
     if program is None:
@@ -105,6 +100,17 @@ def wasm_module(functions: Mapping[str, Lowered | CFunction]) -> bytes:
 def numbers_per_person(function: Lowered | CFunction) -> int:
     """Number of values that a function computes once for each person."""
     return 0 if isinstance(function, CFunction) else _emitter(function, "function").per_person
+
+
+def tool_versions() -> dict[str, str]:
+    """Versions of clang and of the linker, as they print them."""
+    programs = {"clang": _compiler(), "linker": _linker()}
+    outputs = {name: _run([program, "--version"]) for name, program in programs.items()}
+    return {"clang": outputs["clang"].split("\n")[0], "linker": outputs["linker"].strip()}
+
+
+def _run(command: list[str]) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
 def _object_of_program(name: str, lowered: Lowered) -> bytes:
@@ -148,11 +154,6 @@ class CFunction:
 def _clang_path() -> str | None:
     """Path of clang, or None where it is not installed."""
     return next(filter(None, map(shutil.which, _COMPILERS)), None)
-
-
-def c_compiler_version() -> str:
-    """First line of what clang tells of its version."""
-    return subprocess.run([_compiler(), "--version"], capture_output=True, text=True, check=True).stdout.split("\n")[0]
 
 
 def _compiler() -> str:

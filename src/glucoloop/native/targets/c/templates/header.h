@@ -9,10 +9,10 @@
 /* Size of a saved state, in bytes: a mark, the digest of the design, the state, and a CRC-32. */
 #define GL_RECORD_SIZE @SIZE@U
 
-/* Wake the controller at an observation; the first step may be given the same observation. */
+/* Set the state at the first observation; the first step may take the same observation. */
 void gl_init(gl_workspace *workspace, gl_state *state, const gl_observation *observation);
 
-/* Decide on the dose until the next sample. It cannot fail, whatever it is given. */
+/* Compute the dose until the next sample. It cannot fail, whatever the observation and the state are. */
 void gl_step(gl_workspace *workspace, gl_state *state, const gl_observation *observation,
              gl_decision *decision);
 

@@ -26,28 +26,28 @@ static bool gl_finite(@real@ x)
   return (x >= -@MAX@) && (x <= @MAX@);
 }
 
-/* The larger of two numbers; not a number if either is none. */
+/* The larger of two numbers; NaN if either is NaN. */
 static @real@ gl_max(@real@ a, @real@ b)
 {
   return (a != a) ? a : ((a > b) ? a : b);
 }
 
-/* The smaller of two numbers; not a number if either is none. */
+/* The smaller of two numbers; NaN if either is NaN. */
 static @real@ gl_min(@real@ a, @real@ b)
 {
   return (a != a) ? a : ((a < b) ? a : b);
 }
 
-/* Whether x is at least one number and at most another. */
-static bool gl_inside(@real@ x, @real@ least, @real@ most)
+/* Whether low <= x <= high. */
+static bool gl_inside(@real@ x, @real@ low, @real@ high)
 {
-  return (x >= least) && (x <= most);
+  return (x >= low) && (x <= high);
 }
 
-/* The number from least to most that is nearest to x; not a number if any of them is none. */
-static @real@ gl_clip(@real@ x, @real@ least, @real@ most)
+/* x limited to low <= x <= high; NaN if any of them is NaN. */
+static @real@ gl_clip(@real@ x, @real@ low, @real@ high)
 {
-  return gl_min(most, gl_max(least, x));
+  return gl_min(high, gl_max(low, x));
 }
 
 /* x with the sign of y. */
@@ -72,8 +72,8 @@ static @real@ gl_floor(@real@ x)
 /* x = mantissa 2^exponent with a mantissa in [1, 2), for a normal x above 0. */
 static @real@ gl_mantissa(@real@ x)
 {
-  const @bits@ kept = gl_bits(x) & ((((@bits@)1@u@) << @shift@) - 1@u@);
-  return gl_number(kept | ((@bits@)@bias@@u@ << @shift@));
+  const @bits@ mantissa = gl_bits(x) & ((((@bits@)1@u@) << @shift@) - 1@u@);
+  return gl_number(mantissa | ((@bits@)@bias@@u@ << @shift@));
 }
 
 static @real@ gl_exponent(@real@ x)
@@ -105,19 +105,19 @@ static @real@ gl_power(@real@ x, int32_t n)
   return product;
 }
 
-/* 1, -1, or x itself if it is zero or not a number. */
+/* 1, -1, or x itself if it is zero or NaN. */
 static @real@ gl_sign(@real@ x)
 {
   return (x > 0x0p+0@f@) ? 0x1p+0@f@ : ((x < 0x0p+0@f@) ? (-0x1p+0@f@) : x);
 }
 
-/* Whether a stands before b where what is not a number stands last. */
+/* Whether a sorts before b; NaN sorts last. */
 static bool gl_below(@real@ a, @real@ b)
 {
   return (a < b) || ((a == a) && (b != b));
 }
 
-/* The whole number next to x towards zero, within 2^30; zero of what is not a number. */
+/* The whole number next to x towards zero, within 2^30; zero for NaN. */
 static int32_t gl_whole(@real@ x)
 {
   int32_t n = 0;
@@ -183,9 +183,9 @@ static void gl_lu(int32_t n, @real@ a[], int32_t order[])
       order[best] = other;
       for (int32_t j = 0; j < n; j++)
       {
-        const @real@ kept = a[(n * k) + j];
+        const @real@ element = a[(n * k) + j];
         a[(n * k) + j] = a[(n * best) + j];
-        a[(n * best) + j] = kept;
+        a[(n * best) + j] = element;
       }
     }
     for (int32_t i = k + 1; i < n; i++)
@@ -250,7 +250,7 @@ static void gl_solve(int32_t n, int32_t m, const @real@ a[], int32_t a_row, int3
 /* The square root, rounded to nearest, digit by digit. */
 static @real@ gl_sqrt(@real@ x)
 {
-  @real@ root = x; /* of zero, infinity and what is not a number */
+  @real@ root = x; /* of zero, infinity and NaN */
   if (x < 0x0p+0@f@)
   {
     root = NAN;
@@ -283,7 +283,7 @@ static @real@ gl_sqrt(@real@ x)
     b <<= 1;
     {
       @bits@ sum = 0@u@;
-      @bits@ found = 0@u@;
+      @bits@ digits = 0@u@;
       @bits@ digit = (@bits@)2@u@ << @shift@;
       while (digit != 0@u@)
       {
@@ -292,22 +292,22 @@ static @real@ gl_sqrt(@real@ x)
         {
           sum = trial + digit;
           b -= trial;
-          found += digit;
+          digits += digit;
         }
         b <<= 1;
         digit >>= 1;
       }
-      found += (b != 0@u@) ? (found & 1@u@) : 0@u@;
-      found = (found >> 1) + (((@bits@)@bias@@u@ - 1@u@) << @shift@);
+      digits += (b != 0@u@) ? (digits & 1@u@) : 0@u@;
+      digits = (digits >> 1) + (((@bits@)@bias@@u@ - 1@u@) << @shift@);
       if (e >= 0)
       {
-        found += ((@bits@)e / 2@u@) << @shift@;
+        digits += ((@bits@)e / 2@u@) << @shift@;
       }
       else
       {
-        found -= ((@bits@)(-e) / 2@u@) << @shift@;
+        digits -= ((@bits@)(-e) / 2@u@) << @shift@;
       }
-      root = gl_number(found);
+      root = gl_number(digits);
     }
   }
   else
