@@ -17,7 +17,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import summarise
-from glucoloop.metrics.settings import RESULTS
+from glucoloop.metrics.catalogue import RESULTS
 from glucoloop.patients.population import virtual_people
 from glucoloop.simulation import Exponential, simulate
 from glucoloop.situations.situation import configured

@@ -8,8 +8,8 @@ import pytest
 
 from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.summary import DISTRIBUTIONS, MAX_NAMED, summarise_people
+from glucoloop.metrics.catalogue import RESULTS
 from glucoloop.metrics.control_variability import grid_counts
-from glucoloop.metrics.settings import RESULTS
 
 METRIC_NAMES = [result.name for result in RESULTS]
 

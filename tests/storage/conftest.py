@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.metrics.settings import RESULTS
+from glucoloop.metrics.catalogue import RESULTS
 from glucoloop.patients.population import draw
 from glucoloop.situations.situation import configured
 from glucoloop.storage.resumable import Work

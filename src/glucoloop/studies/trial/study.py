@@ -12,8 +12,8 @@ from glucoloop.cohorts import engine
 from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts, times_pct
 from glucoloop.cohorts.summary import TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
+from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.metrics.settings import result_named
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.report.descriptions import (
