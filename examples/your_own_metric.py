@@ -38,6 +38,5 @@ class TightRange(Metric, name="tight-range"):
 
 if __name__ == "__main__":
     trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)))
-    print(
-        f"time from 70 to 140 mg/dl: {gl.summarise(trace, metrics=['your_own_metric:TightRange']).time_70_140_pct:.1f} %"
-    )
+    metrics = gl.summarise(trace, metrics=["your_own_metric:TightRange"])
+    print(f"time from 70 to 140 mg/dl: {metrics.time_70_140_pct:.1f} %")
