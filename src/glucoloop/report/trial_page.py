@@ -22,7 +22,7 @@ from glucoloop.report.periods import concentrations
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.text import NOT_AVAILABLE, percent
-from glucoloop.trials.bins import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
+from glucoloop.trials.quantiles import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
 from glucoloop.units import MIN_PER_WEEK
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))

@@ -25,8 +25,8 @@ from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.trials import engine
-from glucoloop.trials.bins import BAND_QUANTILES, quantiles_of_counts, times_pct
 from glucoloop.trials.folder import BANDS, REPORT, TrialFolder
+from glucoloop.trials.quantiles import BAND_QUANTILES, quantiles_of_counts, times_pct
 from glucoloop.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
 from glucoloop.trials.summary import TrialSummary, summarise_people
 from glucoloop.trials.trial import Trial
