@@ -330,7 +330,7 @@ def league():
 @pytest.fixture(scope="session")
 def league_page(league):
     """The page of that league."""
-    from glucoloop.studies.league.shown import page
+    from glucoloop.studies.league.report import page
 
     return page(*league)
 

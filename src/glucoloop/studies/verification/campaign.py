@@ -25,9 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.build.designs import controller_of, with_guard
-from glucoloop.build.faulty import put_around
 from glucoloop.build.random_keys import keys_of_people
-from glucoloop.build.surroundings import Surroundings
+from glucoloop.build.surroundings import Surroundings, put_around
 from glucoloop.component.setting import Value
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry

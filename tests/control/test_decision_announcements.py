@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import LoopLike, design_oref0
-from glucoloop.control.announcements import MEALS, hear, no_meals_to_come
+from glucoloop.control.decision import MEALS, hear, no_meals_to_come
 from glucoloop.control.guard import guarded
 from glucoloop.control.pace import paced
 from glucoloop.control.protocol import Decision, Observation, Status

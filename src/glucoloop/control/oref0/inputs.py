@@ -1,4 +1,16 @@
-"""Carbohydrate on board, by what glucose did beside insulin (``determine-basal/cob.js``, ``meal/total.js``).
+"""Inputs of a dose of oref0: the change of glucose, insulin on board and carbohydrate on board, from histories.
+
+Glucose is that of ``glucose-get-last.js``, insulin on board that of ``iob/calculate.js`` and ``iob/total.js``, and
+carbohydrate on board that of ``determine-basal/cob.js`` and ``meal/total.js``.
+
+With the peak ``tp`` and the end ``td`` of insulin action, after L. Maksimovic (LoopKit/Loop, discussion 388)::
+
+    tau = tp (1 - tp/td) / (1 - 2 tp/td),   a = 2 tau/td,   S = 1 / (1 - a + (1 + a) exp(-td/tau))
+    activity(t) = S/tau^2 t (1 - t/td) exp(-t/tau)
+    IOB(t) = 1 - S (1 - a) ((t^2 / (tau td (1 - a)) - t/tau - 1) exp(-t/tau) + 1)
+
+The original cuts the insulin of temporary basal rates into pulses of 0.05 U (``iob/history.js``). Here the insulin that
+the pump reports for a sample, less the basal rate, is one treatment at the start of that sample.
 
 The deviation of a reading is its change less the change that insulin on board explains. Since a meal, each deviation
 is carbohydrate that was absorbed, of which at least ``min_5m_carbimpact`` is taken for granted.
@@ -10,12 +22,118 @@ forgets insulin that is newer than the oldest reading of the meal before; here n
 
 from __future__ import annotations
 
+import math
 from typing import Final, TypeAlias
 
-from glucoloop._lazy_jax import jax, jnp
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
-from glucoloop.control.oref0.records import DosingProfile, MealData
-from glucoloop.control.oref0.rounding import fixed, numbered, rounded, whole
+from glucoloop.control.oref0.records import (
+    DosingProfile,
+    GlucoseStatus,
+    InsulinOnBoard,
+    MealData,
+    fixed,
+    numbered,
+    rounded,
+    whole,
+)
+
+_LAST_MIN: Final = 5.0
+"""Time between two readings."""
+_SHORT, _LONG = (1, 2, 3), (4, 5, 6, 7, 8)
+"""Readings of the short and the long average, 5 to 15 and 20 to 40 min before the last one."""
+_OLDEST: Final = 2
+"""Samples after which the last reading is too old to dose by; rates of change do not matter then."""
+READINGS: Final = _OLDEST + _LONG[-1] + 1
+"""Number of readings that are looked at."""
+_MIN_MG_DL: Final = 38.0
+
+
+def glucose_get_last(readings_mg_dl: jax.Array) -> GlucoseStatus:
+    """Status of glucose from readings every 5 min ``(readings,)``, of which the first is now; 0 where there is none."""
+    known = readings_mg_dl > 0.0
+    age = jnp.where(known[0], 0, jnp.where(known[1], 1, _OLDEST))
+    row = readings_mg_dl[_OLDEST:]
+    for late in range(_OLDEST - 1, -1, -1):
+        row = jnp.where(age == late, readings_mg_dl[late : READINGS - _OLDEST + late], row)
+    minutes_ago = jnp.where(jnp.any(known[: _OLDEST + 1], axis=0), _LAST_MIN * age, 1e3)
+
+    def mean(which: tuple[int, ...]) -> jax.Array:
+        total = count = jnp.zeros_like(row[0])
+        for i in which:
+            there = row[i] > _MIN_MG_DL
+            total = total + jnp.where(there, (row[0] - row[i]) / (_LAST_MIN * i) * 5.0, 0.0)
+            count = count + there
+        return rounded(total / jnp.maximum(count, 1.0), 2)
+
+    return GlucoseStatus(
+        glucose_mg_dl=rounded(row[0], 2),
+        delta=mean(_SHORT[:1]),
+        short_avgdelta=mean(_SHORT),
+        long_avgdelta=mean(_LONG),
+        minutes_ago=minutes_ago,
+    )
+
+
+SAMPLE_MIN: Final = 5
+TICKS: Final = 48
+"""Number of points of 5 min for which activity is predicted, four hours."""
+PEAKS_MIN: Final = {"rapid-acting": 75.0, "ultra-rapid": 55.0}
+"""Time of the peak by kind of insulin."""
+Floats: TypeAlias = "npt.NDArray[np.float64]"
+
+
+def treatments(dia_h: float) -> int:
+    """Number of samples of which insulin is still at work, this one included."""
+    return math.ceil(dia_h * 60.0 / SAMPLE_MIN)
+
+
+def insulin_curve(minutes: Floats, dia_h: float, peak_min: float) -> tuple[Floats, Floats]:
+    """Insulin on board [U] and activity [U/min] of 1 U, some minutes after it was given; 0 from the end on."""
+    end, t = 60.0 * dia_h, minutes
+    tau = peak_min * (1.0 - peak_min / end) / (1.0 - 2.0 * peak_min / end)
+    a = 2.0 * tau / end
+    S = 1.0 / (1.0 - a + (1.0 + a) * math.exp(-end / tau))
+    fades = np.exp(-t / tau)
+    activity = S / tau**2 * t * (1.0 - t / end) * fades
+    on_board = 1.0 - S * (1.0 - a) * ((t**2 / (tau * end * (1.0 - a)) - t / tau - 1.0) * fades + 1.0)
+    return np.where(t < end, on_board, 0.0), np.where(t < end, activity, 0.0)
+
+
+def iob_total(
+    insulin_U: jax.Array,
+    current_basal_U_h: jax.Array | float,
+    last_bolus_age_min: jax.Array,
+    *,
+    dia_h: float,
+    peak_min: float,
+) -> InsulinOnBoard:
+    """Insulin on board of treatments ``(treatments,)`` every 5 min, of which the first is now and the last the oldest.
+
+    Activity is predicted for insulin that was given, and for no basal insulin from now on (``iobWithZeroTemp``).
+    """
+    count = treatments(dia_h)
+    on_board, activity = insulin_curve(SAMPLE_MIN * np.arange(count + TICKS, dtype=float), dia_h, peak_min)
+    ahead = activity[np.arange(TICKS)[:, None] + np.arange(count)]
+    # A sample without basal insulin begins now and at each tick before the one that is looked at.
+    missing = np.r_[0.0, np.cumsum(activity[1:TICKS])]
+    basal = jnp.asarray(current_basal_U_h) * (SAMPLE_MIN / 60.0)
+    given = _summed(ahead, insulin_U)
+    by_basal = jnp.asarray(missing, insulin_U.dtype).reshape((TICKS,) + (1,) * (given.ndim - 1))
+    given, without = rounded(given, 4), rounded(given - by_basal * basal, 4)
+    return InsulinOnBoard(
+        iob_U=rounded(_summed(on_board[:count], insulin_U), 3),
+        activity_U_min=given[0],
+        ahead_U_min=given,
+        zero_temp_ahead_U_min=without,
+        last_bolus_age_min=last_bolus_age_min,
+    )
+
+
+def _summed(weights: Floats, insulin_U: jax.Array) -> jax.Array:
+    """Sums over treatments, weighted; constants have the precision of the insulin."""
+    return jnp.tensordot(jnp.asarray(weights, insulin_U.dtype), insulin_U, 1)
+
 
 MEALS: Final = 72
 """Samples of six hours, the time for which a meal counts."""
@@ -32,7 +150,7 @@ _Fold: TypeAlias = "tuple[jax.Array, jax.Array, jax.Array, jax.Array]"
 
 
 @pytree
-class CarbAbsorption:
+class _CarbAbsorption:
     """Result of ``detectCarbAbsorption``."""
 
     absorbed_g: jax.Array
@@ -54,7 +172,7 @@ def bucketed(glucose_mg_dl: jax.Array, new_mg_dl: jax.Array, gap: jax.Array) -> 
 
 def detect_carb_absorption(
     glucose_mg_dl: jax.Array, activity_U_min: jax.Array, profile: DosingProfile
-) -> CarbAbsorption:
+) -> _CarbAbsorption:
     """Absorption at each sample, from glucose ``(deviations + 1,)`` and activity ``(deviations,)``, newest first."""
     sens = jnp.asarray(profile.sens_mg_dl_U)
     bgi = rounded(-activity_U_min * sens * 5.0, 2)
@@ -72,7 +190,7 @@ def detect_carb_absorption(
         from_max = jnp.where(then > largest, jnp.minimum(0.0, slope), from_max)
         from_min = jnp.where(then < least, jnp.maximum(0.0, slope), from_min)
         largest, least = jnp.maximum(largest, then), jnp.minimum(least, then)
-    return CarbAbsorption(
+    return _CarbAbsorption(
         absorbed_g=jnp.concatenate([jnp.zeros_like(absorbed[:2]), absorbed]),
         slope_from_max_deviation=from_max,
         slope_from_min_deviation=from_min,

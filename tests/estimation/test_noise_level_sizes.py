@@ -7,8 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from glucoloop.estimation.noise_level import CORRELATION, LEVELS_MG_DL, noisy_filters
-from glucoloop.estimation.noise_sizes import drifting, innovations_of, mean_size
+from glucoloop.estimation.noise_level import (
+    CORRELATION,
+    LEVELS_MG_DL,
+    drifting,
+    innovations_of,
+    mean_size,
+    noisy_filters,
+)
 
 PHI, C, Q, R = np.array([[0.9, 0.3], [0.0, 1.0]]), np.array([1.0, 0.0]), np.diag([0.0, 0.05]), 1.45
 FILTERS = noisy_filters(PHI, C, Q, R)
