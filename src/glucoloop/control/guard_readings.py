@@ -29,7 +29,7 @@ _TREND_MIN: Final = 15.0
 
 @pytree
 class ReadingHistory:
-    """What a guard keeps of past readings, and its estimate of glucose."""
+    """Past readings of a guard, and its estimate of glucose."""
 
     glucose_mg_dl: jax.Array
     """Last accepted reading, extrapolated since."""
