@@ -25,13 +25,13 @@ from closed_loop import MEALS
 
 from glucoloop._pytree import pytree
 from glucoloop.build.surroundings import surroundings_of
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.blocks import block_size
-from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.simulation import Adaptive, cohort, driven_block
 from glucoloop.simulation.cohort import People
 from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials.blocks import block_size
+from glucoloop.trials.trial import Trial
 
 NOISE = ["white-noise, variance=1.45"]
 OWN_MEALS = {"meal_size_spread_pct": 30.0, "meal_time_spread_min": 45.0}

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from closed_loop import MEALS
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 
 QUIET, OWN_MEALS = "parker-1999, no noise", "parker-1999, own meals"
 PATIENTS = ("parker-1999", QUIET, OWN_MEALS, "hovorka-2004", "wilinska-2010", "uva-padova-2008")

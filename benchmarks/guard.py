@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from pairs import answer
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 
 CONTROLLERS = ("mpc", "imc", "mpc-se", "nlqdmc-se", "meal-mpc")
 

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.trial import Trial
 from glucoloop.simulation.engines import NativeEngine
 from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 
 CONTROLLERS = ("mpc", "nlqdmc-se", "meal-mpc")
 

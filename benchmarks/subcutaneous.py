@@ -23,12 +23,12 @@ from scipy.special import ndtri
 
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import surroundings_of
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.trial import Trial
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.situations.situation import configured
 from glucoloop.therapy import Profile, given_profile
 from glucoloop.threefry import uniforms
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 
 DAYS = 3
 PROFILE_ERROR = 0.15

@@ -28,11 +28,11 @@ from typing import Any
 
 import numpy as np
 
-from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import MIN_BLOCK, Trial
 from glucoloop.situations.situation import configured
-from glucoloop.storage.trials.computing import run_here
-from glucoloop.storage.trials.folder import trial_folder
+from glucoloop.trials.computing import run_here
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.folder import trial_folder
+from glucoloop.trials.trial import MIN_BLOCK, Trial
 
 WEEKS = (1, 4, 12, 52)
 RECORD_PATIENT_DAYS = 1_000_000 * 364

@@ -19,9 +19,9 @@ import numpy as np
 from made import made
 
 from glucoloop.build.designs import controller_of, identified_model
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 from meal_aware.situations import SITUATIONS
 
 RECORDS = range(1000, 1030)

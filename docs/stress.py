@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from made import NAMES, made
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.trial import Trial
 from glucoloop.report.descriptions import short_names
 from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 
 PEOPLE, SEED = 1000, 0
 """Those of the day without a fault."""

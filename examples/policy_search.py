@@ -17,9 +17,9 @@ import gymnasium
 import numpy as np
 
 import glucoloop.gym
-from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.situation import configured
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.trial import Trial
 
 SITUATION = {
     "patient": "hovorka-2004",

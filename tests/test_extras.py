@@ -42,9 +42,9 @@ def test_another_missing_module_stays_what_it_is():
 
 def test_sql_says_what_it_lacks(monkeypatch):
     monkeypatch.setitem(sys.modules, "duckdb", None)
-    monkeypatch.delitem(sys.modules, "glucoloop.storage.trials.query", raising=False)
+    monkeypatch.delitem(sys.modules, "glucoloop.trials.query", raising=False)
     with pytest.raises(MissingExtraError, match="SQL needs duckdb"):
-        __import__("glucoloop.storage.trials.query")
+        __import__("glucoloop.trials.query")
 
 
 LISTINGS = """

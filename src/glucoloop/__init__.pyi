@@ -2,7 +2,6 @@ from . import arguments as arguments
 from . import arithmetic as arithmetic
 from . import bounds as bounds
 from . import build as build
-from . import cohorts as cohorts
 from . import component as component
 from . import control as control
 from . import display_units as display_units
@@ -39,13 +38,13 @@ from . import studies as studies
 from . import text as text
 from . import therapy as therapy
 from . import threefry as threefry
+from . import trials as trials
 from . import tuning as tuning
 from . import twins as twins
 from . import unit_guess as unit_guess
 from . import units as units
 from . import user_file as user_file
 from .bounds import optimal_doses as optimal_doses
-from .cohorts.people_run import simulate_people as simulate_people
 from .commands import CommandResult as CommandResult
 from .commands import compare as compare
 from .commands import run as run
@@ -98,5 +97,6 @@ from .simulation import linear_model as linear_model
 from .simulation import nonlinear_model as nonlinear_model
 from .simulation import simulate as simulate
 from .simulation import usual_limits as usual_limits
+from .trials.people_run import simulate_people as simulate_people
 
 __version__: str

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.build.faulty import faulty_pump, faulty_sensor
+from glucoloop.build.surroundings import faulty_pump, faulty_sensor
 from glucoloop.faults import FAULTS
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
 from glucoloop.sensors import IdealSensor

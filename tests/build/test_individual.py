@@ -9,7 +9,6 @@ import pytest
 
 from glucoloop.build.designs import controller_of
 from glucoloop.build.individual import individual_design
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.control.tuning import StateTuning
 from glucoloop.patients import population, virtual_people
@@ -17,6 +16,7 @@ from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import DeadTime
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.trials.trial import Trial
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
 PERSONS = (0, 2, 8)

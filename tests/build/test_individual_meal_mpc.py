@@ -9,12 +9,12 @@ import pytest
 
 from glucoloop.build import individual
 from glucoloop.build.individual import by_record, impulse_response, individual_design, pulses
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import MealMPC
 from glucoloop.models.nonlinear import individual_model
 from glucoloop.patients import patient, population, virtual_people
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
 from glucoloop.situations.situation import configured
+from glucoloop.trials.trial import Trial
 
 PEOPLE = 24
 

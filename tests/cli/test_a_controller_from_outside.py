@@ -110,7 +110,6 @@ def test_a_trial_designs_it_for_each_person(outside, glucoloop):
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        ({"design": "module"}, "'module' of the controller x is no place; write it like module:function"),
         ({"tunable": True}, "the controller x cannot be tunable: it lacks one of move_horizon"),
         ({"individual": ":f"}, "':f' of the controller x is no place"),
         ({"name": 1, "__annotations__": {"name": "int"}}, "a setting of X is called 'name', as of every part"),

@@ -9,11 +9,11 @@ import pytest
 
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import pump_of
-from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.pumps import PUMPS, PumpPart
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
+from glucoloop.trials.trial import Trial, fingerprint
 
 NAME = "your_own_pump:TubePump"
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from glucoloop.build.surroundings import sensor_of
-from glucoloop.cohorts.engine import prepare
-from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.sensors import SENSORS, IdealSensor, dead_time, white_noise
 from glucoloop.sensors.protocol import site_of
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
+from glucoloop.trials.engine import prepare
+from glucoloop.trials.trial import Trial, fingerprint
 
 NAME = "your_own_sensor:LateSteps"
 

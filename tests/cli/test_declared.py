@@ -13,7 +13,6 @@ import pytest
 
 from glucoloop.cli import app
 from glucoloop.cli.study_command import study_options
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.part import Part
 from glucoloop.report.columns import Column, terminal_table, whole
 from glucoloop.situations.option import Option
@@ -21,6 +20,7 @@ from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.catalogue import SAFETY, CommandEntry
 from glucoloop.studies.study import PlainStudy, SearchStudy
+from glucoloop.trials.trial import Trial
 
 _search = functools.partial(Option, panel="Search")
 

@@ -9,9 +9,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.cohorts.engine import alone, prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.situation import configured
+from glucoloop.trials.engine import alone, prepare, run_people
+from glucoloop.trials.trial import Trial
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bergman.py"
 BOUT = ("--exercise", "40%@2h/30min")

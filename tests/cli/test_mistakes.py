@@ -537,7 +537,7 @@ def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, mo
     for engine in (
         "studies.adversary.study.search",
         "studies.robust.study.search",
-        "cohorts.engine.prepare",
+        "trials.engine.prepare",
     ):
         monkeypatch.setattr(f"glucoloop.{engine}", lambda *_, **__: pytest.fail("it was computed"))
     monkeypatch.setitem(sys.modules, package, None)

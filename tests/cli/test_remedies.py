@@ -24,7 +24,7 @@ SHARED = {
     "storage/folder.py": WRITING,
     "storage/resumable.py": WRITING,
     "storage/rows.py": WRITING,
-    "storage/trials/folder.py": WRITING,
+    "trials/folder.py": WRITING,
     "firmware/hil": frozenset({"hil"}),
     "cli/study_command.py": WRITING,
     "cli/exported.py": frozenset({"export"}),

@@ -189,7 +189,7 @@ def test_what_is_computed_is_told_before_anything_is_designed(glucoloop, monkeyp
     def stop(trial):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("glucoloop.cohorts.engine.prepare", stop)
+    monkeypatch.setattr("glucoloop.trials.engine.prepare", stop)
     answer = glucoloop("trial", "--people", 2000, "--days", 2, "--controller", "mpc", "--controller", "meal-mpc",
                        "--out", "a")  # fmt: skip
     assert answer.err.startswith(
@@ -201,7 +201,7 @@ def test_what_is_computed_is_told_before_anything_is_designed(glucoloop, monkeyp
 @pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, tmp_path, monkeypatch):
-    from glucoloop.cohorts import engine
+    from glucoloop.trials import engine
 
     run_people, calls = engine.run_people, []
 
@@ -375,9 +375,9 @@ def test_progress_is_a_bar_where_somebody_watches(capsys, monkeypatch):
 
 
 def test_people_below_the_validity_of_their_model_are_told():
-    from glucoloop.cohorts.trial import Trial
     from glucoloop.situations.situation import configured
     from glucoloop.studies.trial.study import _notes
+    from glucoloop.trials.trial import Trial
 
     nobody = {"count": 0, "person": []}
     told = {"people": 9, "setpoint_mg_dl": 81.1, "unable": nobody, "basal_beyond_pump": nobody}

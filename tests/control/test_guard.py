@@ -80,7 +80,7 @@ def test_a_basal_rate_is_handed_to_a_controller_that_asks_for_it():
 
     guard = guarded(Asks(rate=1.0)).with_basal(30.0)
     assert guard.inner.basal == 30.0
-    assert float(guard.init(observe(90.0, 25.0)).given.basal_mU_min) == 30.0
+    assert float(guard.init(observe(90.0, 25.0)).doses.basal_mU_min) == 30.0
     guard = guarded(design_open_loop()).with_basal(30.0)
-    assert float(guard.init(observe(90.0, 25.0)).given.basal_mU_min) == 30.0
+    assert float(guard.init(observe(90.0, 25.0)).doses.basal_mU_min) == 30.0
     assert guard.sample_time_min == EVERY

@@ -158,5 +158,5 @@ def test_whatever_the_controller_inside_wants_the_dose_keeps_the_limits(rows):
         assert abs(dose - delivered) <= 16.7 + 1e-9
         assert int(decision.status) in set(Status)
         delivered = dose
-    for leaf in jax.tree.leaves((state.seen, state.given, state.setpoint_mg_dl, state.command_mU_min)):
+    for leaf in jax.tree.leaves((state.readings, state.doses, state.setpoint_mg_dl, state.command_mU_min)):
         assert np.all(np.isfinite(leaf))

@@ -125,10 +125,10 @@ def test_a_basal_rate_that_was_lost_is_found_again():
         guard = guarded(Wants(rate=60.0), basal_mU_min=given_)
         state = guard.init(observe(90.0))
         for field in ("basal_mU_min", "per_basal"):
-            lost = dataclasses.replace(state, given=dataclasses.replace(state.given, **{field: jnp.asarray(math.nan)}))
+            lost = dataclasses.replace(state, doses=dataclasses.replace(state.doses, **{field: jnp.asarray(math.nan)}))
             healed, _ = step(guard, lost, observe(90.0))
-            assert float(healed.given.basal_mU_min) == pytest.approx(basal, rel=1e-15)
-            assert float(healed.given.per_basal) == pytest.approx(1.0 / basal, rel=1e-15)
+            assert float(healed.doses.basal_mU_min) == pytest.approx(basal, rel=1e-15)
+            assert float(healed.doses.per_basal) == pytest.approx(1.0 / basal, rel=1e-15)
 
 
 @pytest.mark.long
@@ -163,6 +163,6 @@ def test_a_first_state_that_is_rounded_to_single_precision_is_no_damaged_one(bas
     for k in range(2):
         rounded, decision = step(guard, rounded, observe(90.0 + k, basal))
     assert float(decision.insulin_mU_min) == pytest.approx(1.15 * basal)
-    damaged = dataclasses.replace(state, given=dataclasses.replace(state.given, counted=jnp.asarray(-0.5)))
+    damaged = dataclasses.replace(state, doses=dataclasses.replace(state.doses, counted=jnp.asarray(-0.5)))
     _, decision = step(guard, damaged, observe(90.0, basal))
     assert float(decision.insulin_mU_min) == pytest.approx(basal, rel=1e-6)

@@ -69,7 +69,7 @@ def test_under_the_skin_the_rise_after_a_meal_is_believed_and_a_spike_is_not():
 def test_a_first_reading_far_from_the_setpoint_waits_for_a_second_one(readings, believed):
     doses, _, states = follow(guarded(Wants(rate=60.0)), readings)
     assert [bool(state.inner.valid) for state in states] == believed
-    assert all(float(state.given.doubted_mg_dl) == 0.0 for state in states[:2])
+    assert all(float(state.doses.sensor_jump_mg_dl) == 0.0 for state in states[:2])
     assert np.all(doses[~np.array(believed)] <= BASAL)
 
 
@@ -77,13 +77,13 @@ def test_a_jump_is_put_down_to_the_sensor_and_a_jump_back_takes_it_away():
     guard = guarded(Wants(rate=60.0))
     quiet = [SETPOINT] * 3
     _, statuses, states = follow(guard, [*quiet, *([150.0 + 0.1 * k for k in range(12)])])
-    doubted = [float(state.given.doubted_mg_dl) for state in states]
+    doubted = [float(state.doses.sensor_jump_mg_dl) for state in states]
     assert doubted[3] == 0.0
     assert doubted[8] == pytest.approx(69.0, abs=8.0)
     assert statuses[-1] == Status.DOSE_LIMITED
     _, _, states = follow(guard, [150.0, 150.0, *[SETPOINT + 0.1 * k for k in range(8)], *[150.0] * 8])
     # Unseen glucose is thought to go back to the setpoint, so that the jump down counts for less than the jump up.
-    assert float(states[-1].given.doubted_mg_dl) < 69.0 / 3.0
+    assert float(states[-1].doses.sensor_jump_mg_dl) < 69.0 / 3.0
 
 
 def test_a_reading_that_is_stuck_is_not_believed_unless_it_is_low():
@@ -140,7 +140,7 @@ def test_a_reading_that_stays_the_same_calls_for_no_more_insulin_than_is_on_boar
     limits = GuardSettings(unchanged_min=1000.0, stuck_min=1000.0, max_hour=10.0)
     rising = [100.0 + 5.0 * k for k in range(12)]
     doses, _, states = follow(guarded(Wants(rate=60.0), limits), [*rising, *[155.0] * 20, 156.0])
-    on_board = np.array([float(state.given.on_board) for state in states])
+    on_board = np.array([float(state.doses.on_board) for state in states])
     # the first dose on a held reading may have to come down from a higher one
     assert on_board[13] > 0.5
     np.testing.assert_allclose(on_board[13:33], on_board[13], rtol=1e-6)
@@ -180,8 +180,8 @@ def test_a_pump_that_talks_nonsense_is_taken_to_have_done_as_asked(word):
     state, _ = step(guard, state, observe(120.5, word))
     assert float(state.inner.delivered_mU_min) == float(decision.insulin_mU_min) == 25.0
     state = guard.init(observe(120.0, word))
-    assert np.isfinite(state.given.basal_mU_min)
-    assert float(guarded(Wants(rate=25.0), basal_mU_min=22.0).init(observe(120.0, word)).given.basal_mU_min) == 22.0
+    assert np.isfinite(state.doses.basal_mU_min)
+    assert float(guarded(Wants(rate=25.0), basal_mU_min=22.0).init(observe(120.0, word)).doses.basal_mU_min) == 22.0
 
 
 @pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf, -3.0, 1e7])

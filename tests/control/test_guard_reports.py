@@ -145,10 +145,10 @@ def test_a_bolus_that_the_pump_reports_as_not_given_still_counts():
     counts = {}
     for part in (0.0, 0.5, 1.0):
         later = dataclasses.replace(observe(SETPOINT + 1.0, decision.insulin_mU_min), delivered_bolus_mU=part * bolus)
-        counts[part] = float(step(guard, state, later)[0].given.counted)
+        counts[part] = float(step(guard, state, later)[0].doses.counted)
     assert counts[0.0] == counts[0.5] == counts[1.0] > 4.0
     more = dataclasses.replace(observe(SETPOINT + 1.0), delivered_bolus_mU=jnp.asarray(2.0 * bolus))
-    assert float(step(guard, state, more)[0].given.counted) > 1.9 * counts[1.0]
+    assert float(step(guard, state, more)[0].doses.counted) > 1.9 * counts[1.0]
 
 
 GAP = GuardSettings(gap_min=20.0, long_gap_min=90.0, reduced_fraction=0.5)
@@ -160,10 +160,10 @@ def test_doubt_never_adds_insulin_until_the_long_gap_has_passed(rate):
     before = [150.0 + 0.1 * (k % 2) for k in range(12)]
     blind = [np.nan, 900.0, 5.0] * 12
     doses, statuses, _ = follow(guarded(Wants(rate=rate), GAP), [*before, *blind])
-    unseen_min = 5.0 * np.arange(1, len(blind) + 1)
-    in_gap, blind_doses = unseen_min <= 90.0, doses[12:]
+    since_accepted_min = 5.0 * np.arange(1, len(blind) + 1)
+    in_gap, blind_doses = since_accepted_min <= 90.0, doses[12:]
     assert np.all(blind_doses[in_gap] <= np.maximum(min(rate, BASAL), doses[11] - 16.7 * np.arange(1, 19)) + 1e-12)
-    assert np.all(statuses[12:][(unseen_min > 20.0) & in_gap] == Status.FALLBACK_BASAL)
+    assert np.all(statuses[12:][(since_accepted_min > 20.0) & in_gap] == Status.FALLBACK_BASAL)
     # after that no request is followed, of nothing either: no insulin at all for hours ends in ketoacidosis
     np.testing.assert_array_equal(blind_doses[~in_gap], 0.5 * BASAL)
     assert np.all(statuses[12:][~in_gap] == Status.FALLBACK_REDUCED)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.control import LoopLike, Observation, Status
-from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
+from glucoloop.control.loop_like import part_absorbed, rate_of_absorption, time_of_part
 from glucoloop.pumps import dose_limits
 from glucoloop.therapy import INSULINS, Profile, action_per_min, insulin_left
 from other_programs import answer_of

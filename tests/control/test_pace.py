@@ -14,7 +14,6 @@ from glucoloop._pytree import pytree, static
 from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
-from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.control import Decision, Observation, PIDTuning, Status, design_open_loop, design_pid, paced
 from glucoloop.control.pace import Paced, samples_of_pace
 from glucoloop.meals import Meal, Scenario
@@ -23,6 +22,7 @@ from glucoloop.simulation import Adaptive, simulate
 from glucoloop.simulation.closed_loop import usual_limits
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.trials.people_run import simulate_people
 
 # The scenario is one for controllers of all kinds, of whom some hear of no meal.
 pytestmark = pytest.mark.filterwarnings("ignore:announced has no effect")

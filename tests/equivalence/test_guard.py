@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Guard, guarded
 from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 from guarding import OPEN
 
 PEOPLE = np.arange(7)

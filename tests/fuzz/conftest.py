@@ -18,8 +18,8 @@ _STOPS = (
     "glucoloop.studies.identification.study._method",
     "glucoloop.studies.identification.study._from_patient",
     "glucoloop.studies.tuning.study.model_for",
-    "glucoloop.cohorts.engine.prepare",
-    "glucoloop.storage.trials.folder.trial_folder",
+    "glucoloop.trials.engine.prepare",
+    "glucoloop.trials.folder.trial_folder",
     "glucoloop.reproduction.parker1999.study.study",
 )
 """Where reading ends and computing begins."""

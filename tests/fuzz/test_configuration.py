@@ -7,7 +7,6 @@ import tomli_w
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.grammar import given as given_values
 from glucoloop.control.linear_mpc import LinearMPCSettings
 from glucoloop.patients.sorensen.varying import NOMINAL
@@ -17,6 +16,7 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.studies.identification import ModelRequest
 from glucoloop.studies.run import Comparison
+from glucoloop.trials.trial import Trial
 
 scalars = st.one_of(
     st.booleans(),

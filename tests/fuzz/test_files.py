@@ -11,7 +11,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.identification import record_from_samples
 from glucoloop.situations.population import named_population
 from glucoloop.storage import disk
@@ -19,8 +18,9 @@ from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.model_file import read_model
 from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
-from glucoloop.storage.trials.folder import RECORD, SHARD, SHARDS, SUMMARY, TrialOrigin
-from glucoloop.storage.trials.query import trial_tables
+from glucoloop.trials.folder import RECORD, SHARD, SHARDS, SUMMARY, TrialOrigin
+from glucoloop.trials.query import trial_tables
+from glucoloop.trials.trial import Trial
 
 MODEL = {
     "format": "glucoloop-model",

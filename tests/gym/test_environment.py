@@ -14,15 +14,15 @@ from gymnasium.utils.env_checker import check_env
 
 import glucoloop.gym.people
 from glucoloop._pytree import pytree
-from glucoloop.cohorts.blocks import block_size
-from glucoloop.cohorts.engine import brought, loop_of, people_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control.protocol import Decision
 from glucoloop.gym import ENVIRONMENT
 from glucoloop.gym.environment import GlucoseEnv, GlucoseVectorEnv
 from glucoloop.gym.people import DosedPeople, _Nothing
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
+from glucoloop.trials.blocks import block_size
+from glucoloop.trials.engine import brought, loop_of, people_of
+from glucoloop.trials.trial import Trial
 
 DAY = {
     "patient": "hovorka-2004",

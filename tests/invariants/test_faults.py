@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.build.designs import with_guard
-from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import faulty_pump, faulty_sensor
 from glucoloop.control import GuardSettings, Status, design_pid, guarded, internal_model_tuning
 from glucoloop.faults import FAULTS, Episodes, Missing, Nonsense
 from glucoloop.meals import Meal, Scenario, eaten

@@ -15,8 +15,7 @@ import pytest
 from glucoloop.arguments import random_key
 from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of, with_guard
-from glucoloop.build.faulty import put_around
-from glucoloop.build.surroundings import Surroundings, sensor_of
+from glucoloop.build.surroundings import Surroundings, put_around, sensor_of
 from glucoloop.control.guard import Guard
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import surroundings_of
-from glucoloop.cohorts.engine import alone, prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal, Scenario
 from glucoloop.simulation import simulate
 from glucoloop.simulation.closed_loop import on_the_grid, sample_grid
 from glucoloop.simulation.stepper import scenario_stepper, simulate_stepped
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.trials.engine import alone, prepare, run_people
+from glucoloop.trials.trial import Trial
 
 PEOPLE = np.arange(6)
 HABITS = st.lists(st.sampled_from(["skipped", "unannounced", "announced-late, spread=10", "weekend"]), max_size=2)

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal, MealPlan
 from glucoloop.meals.habits import HABITS
 from glucoloop.meals.plan import draw_days
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY
 
 DAY = (Meal(45.0, 420.0), Meal(70.0, 720.0, 15.0), Meal(60.0, 1080.0))

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.build.designs import controller_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, StateTuning, design_mpc_se
 from glucoloop.control.mpc_se import MPCSESettings
 from glucoloop.models.nonlinear import individual_model
@@ -20,6 +19,7 @@ from glucoloop.models.state_space import ContinuousModel, discretise, linearise,
 from glucoloop.sensors.delay import lagged
 from glucoloop.simulation import linear_model, nonlinear_model
 from glucoloop.situations.situation import configured
+from glucoloop.trials.trial import Trial
 
 LAG, GAIN, TAU = 10.0, -3.0, 50.0
 REST = 81.0

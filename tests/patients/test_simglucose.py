@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from glucoloop._extras import MissingExtraError
-from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Eaten, absorb
 from glucoloop.patients import population, virtual_people
 from glucoloop.patients.dalla_man import DallaManPatient
 from glucoloop.simulation import Adaptive, Explicit
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.situations.situation import configured
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.trial import Trial
 from other_programs import answer_of, installed
 
 FAMILY = "uva-padova-2008"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.cohorts.people_run import PeopleRun
 from glucoloop.report.figure import _bands
+from glucoloop.trials.people_run import PeopleRun
 
 
 def run_of(people=40, samples=24, shift=0.0):

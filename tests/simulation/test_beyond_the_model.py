@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
-from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
@@ -16,6 +15,7 @@ from glucoloop.patients.population import Population
 from glucoloop.patients.sorensen import equations as sorensen
 from glucoloop.patients.variation import Variation
 from glucoloop.simulation import simulate
+from glucoloop.trials.people_run import simulate_people
 
 FAULTY_FROM, SAMPLES, PEOPLE = 36, 60, 3
 SCENARIO = Scenario([], 5.0 * SAMPLES)

@@ -14,7 +14,6 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.build.assemble import PeopleLoop
 from glucoloop.build.random_keys import keys_of_people
-from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.faults import Occlusion, once
 from glucoloop.meals import Meal, Scenario, eaten
@@ -24,6 +23,7 @@ from glucoloop.simulation import simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import ENGINES
 from glucoloop.situations.situation import Situation, configured
+from glucoloop.trials.people_run import simulate_people
 
 PATIENT = gl.patient("hovorka-2004")
 SCENARIO = Scenario([Meal(50.0, 50.0, announced_g=40.0)], 300.0, announced=True, start_min=1410.0)

@@ -8,13 +8,13 @@ import scipy.integrate
 import scipy.linalg
 
 from glucoloop.build.designs import controller_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, design_open_loop
 from glucoloop.models.nonlinear import advance_with_rough_tangents, individual_model, roughly
 from glucoloop.models.state_space import step_response
 from glucoloop.patients import patient
 from glucoloop.simulation import linear_model, nonlinear_model
 from glucoloop.situations.situation import configured
+from glucoloop.trials.trial import Trial
 
 
 def sampled_by_hand(sorensen, x, u):

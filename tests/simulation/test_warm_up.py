@@ -11,9 +11,6 @@ import glucoloop as gl
 from glucoloop._pytree import pytree, static
 from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of
-from glucoloop.cohorts.engine import alone, prepare, run_people
-from glucoloop.cohorts.people_run import simulate_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Decision, PIDTuning, Status, design_pid
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
@@ -22,6 +19,9 @@ from glucoloop.simulation import simulate
 from glucoloop.simulation.stepper import scenario_stepper, simulate_stepped
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.trials.engine import alone, prepare, run_people
+from glucoloop.trials.people_run import simulate_people
+from glucoloop.trials.trial import Trial
 
 # The scenario is one for controllers of all kinds, of whom some hear of no meal.
 pytestmark = pytest.mark.filterwarnings("ignore:announced has no effect")

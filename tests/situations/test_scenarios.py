@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.scenarios import SCENARIOS
 from glucoloop.situations.situation import configured
 from glucoloop.studies.hil import Hil
+from glucoloop.trials.trial import Trial
 
 NAMES = [name for name in SCENARIOS if name != "custom"]
 OF_SCENARIO = (

@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.meals import Meal
 from glucoloop.patients import JointVariation, PeopleTable, Population
 from glucoloop.situations.population import named_population, person_of, population_keys, read_population
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import read_toml, toml_text
+from glucoloop.trials.trial import Trial, fingerprint
 
 HOVORKA = "hovorka-2004"
 CSV = """name, weight_kg, S_IT, carb_ratio_g_U, meals

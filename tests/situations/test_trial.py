@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.meals import Meal
 from glucoloop.patients.population import population
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import read_toml, toml_text
+from glucoloop.trials.trial import Trial, fingerprint
 
 keys = st.fixed_dictionaries(
     {},

@@ -2,10 +2,10 @@
 
 import pytest
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.grammar import given
 from glucoloop.situations.request import request_from
 from glucoloop.situations.run import Run
+from glucoloop.trials.trial import Trial
 
 ROOTS = {"run": Run, "trial": Trial}
 UNUSUAL = [

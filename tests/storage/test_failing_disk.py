@@ -14,7 +14,7 @@ from glucoloop.schema.parquet_size import parquet_size
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder
-from glucoloop.storage.trials.folder import TrialOrigin, done_shards
+from glucoloop.trials.folder import TrialOrigin, done_shards
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
 OPERATIONS = (

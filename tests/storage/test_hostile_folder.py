@@ -13,7 +13,7 @@ import pytest
 
 from glucoloop.storage.disk import SUMS, put_file, read_sums, sums_text
 from glucoloop.storage.folder import output_folder
-from glucoloop.storage.trials.folder import TrialOrigin, done_shards, trial_folder
+from glucoloop.trials.folder import TrialOrigin, done_shards, trial_folder
 
 pytestmark = [
     pytest.mark.skipif(os.name == "nt", reason="links, pipes and devices"),

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from glucoloop.cohorts import engine
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
@@ -24,8 +23,9 @@ from glucoloop.studies.league.numbers import (
     over_all_cells,
     ranking,
 )
-from glucoloop.studies.league.shown import page, sentences
+from glucoloop.studies.league.report import page, sentences
 from glucoloop.studies.league.study import _LeagueSearch, _lines_of, _shards_of, rows
+from glucoloop.trials import engine
 
 ON_TARGET = {
     "time_70_180_pct": 90.0,

@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.people import PeopleRows
-from glucoloop.cohorts.trial import fingerprint
 from glucoloop.situations.situation import configured
-from glucoloop.storage.trials.shard import people_table
 from glucoloop.studies.stress import STANDARD_FAULTS, StressTest
 from glucoloop.studies.stress.reasons import reason_of
 from glucoloop.studies.stress.study import _cell_table, _cells_of, _StressCell, trial_of
+from glucoloop.trials import engine
+from glucoloop.trials.people import PeopleRows
+from glucoloop.trials.shard import people_table
+from glucoloop.trials.trial import fingerprint
 
 FAULTS = [
     "calibration, gain=1.25, offset_mg_dl=0",

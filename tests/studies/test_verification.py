@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
-from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import faulty_pump, faulty_sensor
 from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS, Episode

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.oscillation import oscillation
 from meal_aware.loops import bound_of, close_loops
 from meal_aware.measures import numbers_by_minute

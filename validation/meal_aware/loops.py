@@ -15,9 +15,6 @@ from glucoloop.bounds import OptimalDoses, bound_of_situation
 from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of, identified_model
 from glucoloop.build.surroundings import Surroundings, pump_of
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
@@ -30,6 +27,9 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.bound.study import bound_of_run
+from glucoloop.trials import engine
+from glucoloop.trials.blocks import in_blocks
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.search import stack
 from meal_aware.measures import Runs, numbers_by_minute

@@ -16,8 +16,6 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.build.designs import controller_of, with_guard
 from glucoloop.build.random_keys import keys_of_people
-from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.faults import Battery, Late, Missing, Occlusion, once
@@ -36,6 +34,8 @@ from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.situation import configured
 from glucoloop.therapy import Profile, given_profile
 from glucoloop.threefry import uniforms
+from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.search import move_slots
 from meal_aware.measures import Floats, Runs, numbers_at_samples
 from meal_aware.situations import HORIZON_MIN, PATIENT, Mismatch

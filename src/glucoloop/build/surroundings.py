@@ -16,9 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.faults import FaultPart
-from glucoloop.pumps import LimitedPump, Pump, with_resolution
+from glucoloop.pumps import DoseLimits, LimitedPump, Pump, with_resolution
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor, SensorPart
 from glucoloop.sensors.protocol import site_of
@@ -130,3 +129,35 @@ def _idle(fault: Any) -> Any:
     """A fault that never begins."""
     episodes = dataclasses.replace(fault.episodes, earliest=math.inf, latest=math.inf, probability=0.0)
     return fault.replaced(episodes=episodes)
+
+
+def faulty_sensor(
+    sensor: Sensor, faults: Iterable[FaultPart], sample_time_min: float, warm_up_min: float = 0.0
+) -> Sensor:
+    """A sensor wrapped in faults, the first one innermost; faults of a pump are skipped."""
+    for fault in faults:
+        if fault.part == "sensor":
+            sensor = put_around(sensor, fault, sample_time_min, warm_up_min=warm_up_min)
+    return sensor
+
+
+def faulty_pump(
+    pump: Pump, faults: Iterable[FaultPart], sample_time_min: float, limits: DoseLimits, warm_up_min: float = 0.0
+) -> Pump:
+    """A pump wrapped in faults, the first one innermost; faults of a sensor are skipped."""
+    for fault in faults:
+        if fault.part == "pump":
+            pump = put_around(pump, fault, sample_time_min, limits, warm_up_min=warm_up_min)
+    return pump
+
+
+def put_around(
+    inner: Any,
+    fault: FaultPart,
+    sample_time_min: float,
+    limits: DoseLimits | None = None,
+    *,
+    warm_up_min: float = 0.0,
+) -> Any:
+    """A sensor or pump wrapped in one fault, whose times count from the end of the warm-up."""
+    return fault.made(inner=inner, sample_time_min=sample_time_min, limits=limits, warm_up_min=warm_up_min)

@@ -15,7 +15,7 @@ from glucoloop.cli.screen import note, print_rows, print_value, show
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
-    from glucoloop.storage.trials.query import Answer
+    from glucoloop.trials.query import Answer
 
 HELP: Final = (
     "Query the folder of a trial in SQL, in the dialect of DuckDB.\n\n"
@@ -38,7 +38,7 @@ def _query(typed: Given) -> None:
         raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
         raise Refusal("DIR is empty; give the folder of a trial")
-    from glucoloop.storage.trials.query import VIEWS, Answer, trial_tables
+    from glucoloop.trials.query import VIEWS, Answer, trial_tables
 
     leave_to_the_system()
     with trial_tables(Path(folder)) as tables:

@@ -30,7 +30,7 @@ from glucoloop.text import how_many
 if TYPE_CHECKING:
     from glucoloop.storage.results import Results
     from glucoloop.storage.resumable import ResumableFolder, Work
-    from glucoloop.storage.trials.folder import TrialFolder
+    from glucoloop.trials.folder import TrialFolder
 
 F = TypeVar("F", bound="ResumableFolder")
 
@@ -212,7 +212,7 @@ class _StudyRun:
 
 
 def _run_trial(study: TrialStudy, request: Request, where: Computing) -> Outcome:
-    from glucoloop.storage.trials.folder import SHARDS, TrialFolder, trial_folder
+    from glucoloop.trials.folder import SHARDS, TrialFolder, trial_folder
 
     out = _needed_folder(study, request.output)
     _refuse_unusable(study, out, TrialFolder, SHARDS, overwrite=request.output.overwrite)
@@ -221,7 +221,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> Outcome
 
     work, trial, start = run.work("trial"), module.trial_of(run.config), time.monotonic()
     if request.output.overwrite:
-        from glucoloop.cohorts.engine import prepare
+        from glucoloop.trials.engine import prepare
 
         with stage("Designing controllers"):
             prepare(trial)  # what cannot be designed must not cost earlier work

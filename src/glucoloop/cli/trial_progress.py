@@ -14,8 +14,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.text import how_many
 
 if TYPE_CHECKING:
-    from glucoloop.cohorts.trial import Trial
-    from glucoloop.storage.trials.folder import TrialFolder
+    from glucoloop.trials.folder import TrialFolder
+    from glucoloop.trials.trial import Trial
 
 _NUMBER: Final = declared_setting(
     WORKERS.flag, Annotated[int, About("Number of workers.", at_least=1, at_most=4096)], Default(None)
@@ -41,15 +41,15 @@ class Computing:
         if dask not in (None, "local") and workers is not None:
             raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
         if dask is not None:
-            from glucoloop.storage.trials.computing import library
+            from glucoloop.trials.computing import library
 
             library()  # what is missing is told before anything is designed
         return cls(workers, dask)
 
     def compute(self, folder: TrialFolder) -> None:
         """Design the controllers, and compute the shards that are missing."""
-        from glucoloop.cohorts.engine import prepare, run_people
         from glucoloop.report.descriptions import engine_notes
+        from glucoloop.trials.engine import prepare, run_people
 
         missing = folder.missing()
         if missing:
@@ -59,7 +59,7 @@ class Computing:
         note(engine_notes(prepared.engines))
         if not missing:
             return
-        from glucoloop.storage.trials.computing import connected, run_here, run_on_cluster
+        from glucoloop.trials.computing import connected, run_here, run_on_cluster
 
         with contextlib.ExitStack() as stack:
             client = None

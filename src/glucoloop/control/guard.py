@@ -11,22 +11,28 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import PROFILE, READINGS, Need
-from glucoloop.control.announcements import eaten_in_min
-from glucoloop.control.decision import is_known
+from glucoloop.control.decision import eaten_in_min, is_known
 from glucoloop.control.design_case import check_rate
 from glucoloop.control.guard_doses import (
     MAX_BOLUS_MU,
-    Given,
+    DoseHistory,
     OwnLimits,
-    first_given,
-    heal_given,
-    largest_bolus,
-    largest_rate,
-    most,
-    most_bolus,
-    take_in,
+    initial_doses,
+    largest_allowed_bolus,
+    largest_allowed_rate,
+    largest_possible_bolus,
+    largest_possible_rate,
+    repaired_doses,
+    updated_doses,
 )
-from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
+from glucoloop.control.guard_readings import (
+    ReadingHistory,
+    initial_readings,
+    near,
+    possible,
+    repaired_readings,
+    updated_readings,
+)
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import (
     Controller,
@@ -55,13 +61,13 @@ _MAX_CARBS_G: Final = 1000.0
 
 
 @pytree
-class GuardState:
+class _GuardState:
     """State of a guard."""
 
     inner: Any
     """State of the inner controller."""
-    seen: Seen
-    given: Given
+    readings: ReadingHistory
+    doses: DoseHistory
     command_mU_min: jax.Array
     """Last dose that the guard asked for."""
     setpoint_mg_dl: jax.Array
@@ -135,52 +141,52 @@ class Guard:
             fall_share=share(profile.correction_mg_dl_U, lambda factor: _MARGIN * factor / rule.correction_factor()),
         )
 
-    def init(self, observation: Observation) -> GuardState:
-        """State at rest under the basal rate; the inner controller starts from the believed part of the observation."""
+    def init(self, observation: Observation) -> _GuardState:
+        """State at rest under the basal rate; the inner controller starts from the accepted part of the observation."""
         reported = observation.delivered_mU_min
-        least, most_rate = self.limits.min_mU_min, self.limits.max_mU_min
-        woken_at = jnp.where(self._is_rate(reported), reported, least)
+        lowest, highest = self.limits.min_mU_min, self.limits.max_mU_min
+        start = jnp.where(self._is_rate(reported), reported, lowest)
         basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, reported.dtype), reported.shape)
-        basal = jnp.clip(jnp.where(jnp.isfinite(basal), basal, woken_at), least, most_rate)
+        basal = jnp.clip(jnp.where(jnp.isfinite(basal), basal, start), lowest, highest)
         delivered = jnp.where(self._is_rate(reported), reported, basal)
         setpoint = self._setpoint(observation, jnp.full_like(observation.setpoint_mg_dl, _ORDINARY_MG_DL))
         setpoint = jnp.broadcast_to(setpoint, observation.glucose_mg_dl.shape)
-        believed = possible(observation.glucose_mg_dl, observation.valid, self.settings)
-        believed = believed & near(observation.glucose_mg_dl, setpoint, self.settings, self.sample_time_min)
-        seen = first_seen(observation.glucose_mg_dl, believed, setpoint)
+        accepted = possible(observation.glucose_mg_dl, observation.valid, self.settings)
+        accepted = accepted & near(observation.glucose_mg_dl, setpoint, self.settings, self.sample_time_min)
+        readings = initial_readings(observation.glucose_mg_dl, accepted, setpoint)
         no_bolus = jnp.zeros_like(delivered) if self.gives_boluses else None
-        clean = _clean(observation, seen, believed, setpoint, delivered, no_bolus)
-        return GuardState(
+        clean = _clean(observation, readings, accepted, setpoint, delivered, no_bolus)
+        return _GuardState(
             inner=self.inner.init(clean),
-            seen=seen,
-            given=first_given(basal, delivered, self.sample_time_min, no_bolus).with_first_check(delivered, no_bolus),
+            readings=readings,
+            doses=initial_doses(basal, delivered, self.sample_time_min, no_bolus).with_first_check(delivered, no_bolus),
             command_mU_min=delivered,
             setpoint_mg_dl=setpoint,
             suspended=jnp.zeros_like(delivered),
             bolus_mU=no_bolus,
         )
 
-    def step(self, state: GuardState, observation: Observation) -> tuple[GuardState, Decision]:
+    def step(self, state: _GuardState, observation: Observation) -> tuple[_GuardState, Decision]:
         """Accept or reject each input, let the inner controller decide, and bound its dose."""
         settings, own, every = self.settings, self._own_limits, self.sample_time_min
-        intact = state.given.agrees(state.command_mU_min, state.bolus_mU)
-        state = self._healed(state, intact)
-        # A pump that says nothing is taken to have done as it was asked: so its insulin is not forgotten.
-        word = observation.delivered_mU_min
-        rate_reported = self._is_rate(word)
-        delivered = jnp.where(rate_reported, word, state.command_mU_min)
+        intact = state.doses.agrees(state.command_mU_min, state.bolus_mU)
+        state = self._repaired(state, intact)
+        # A pump that reports nothing is taken to have done as it was asked: so its insulin is not forgotten.
+        reported = observation.delivered_mU_min
+        rate_reported = self._is_rate(reported)
+        delivered = jnp.where(rate_reported, reported, state.command_mU_min)
         # A report of less than was asked for may be wrong, so that it lowers no count.
-        counted = largest_rate(state.given, state.command_mU_min, delivered, self.limits.max_change_mU_min)
+        counted = largest_possible_rate(state.doses, state.command_mU_min, delivered, self.limits.max_change_mU_min)
         setpoint = self._setpoint(observation, state.setpoint_mg_dl)
-        pushed = jnp.abs(state.given.on_board) > settings.stuck_on_board
-        seen, believed, jump = see(
-            state.seen, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
+        pushed = jnp.abs(state.doses.on_board) > settings.stuck_on_board
+        readings, accepted, jump = updated_readings(
+            state.readings, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
         )
         bolus_since = self._bolus_since(state, observation)
         counted_bolus = state.bolus_mU
         if bolus_since is not None and counted_bolus is not None:
             counted_bolus = jnp.maximum(bolus_since, counted_bolus)
-        clean = _clean(observation, seen, believed, setpoint, delivered, bolus_since)
+        clean = _clean(observation, readings, accepted, setpoint, delivered, bolus_since)
         # A memory that is lost is put right before it is used and not when it is stored: this makes native code faster.
         heals = getattr(self.inner, "heals", False)
         sound = jnp.asarray(True) if heals else _all_sound(state.inner, delivered.shape, self._memory_bound)
@@ -191,23 +197,30 @@ class Guard:
         if decision.bolus_mU is not None:
             sound = sound & jnp.isfinite(decision.bolus_mU)
 
-        # A reading that is not believed may take insulin away, and never add any.
+        # A reading that is not accepted may take insulin away, and never add any.
         is_possible = possible(observation.glucose_mg_dl, observation.valid, settings)
-        lowest = jnp.where(is_possible, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
+        lowest = jnp.where(
+            is_possible, jnp.minimum(readings.glucose_mg_dl, observation.glucose_mg_dl), readings.glucose_mg_dl
+        )
         above = lowest - setpoint
-        excess = seen.glucose_mg_dl - setpoint
-        given = take_in(state.given, counted, counted_bolus, excess, jump, own, settings, every)
-        allowed = most(given, above, seen.unchanged_min > 0.0, own, settings, self.limits.max_change_mU_min, every)
-        trusted = believed & (seen.unchanged_min <= settings.unchanged_min)
-        allowed = jnp.where(trusted, allowed, given.basal_mU_min)
-        wanted = jnp.where(sound, decision.insulin_mU_min, given.basal_mU_min)
-        unseen, long_unseen = seen.unseen_min > settings.gap_min, seen.unseen_min > settings.long_gap_min
-        predicted = seen.glucose_mg_dl + settings.ahead_min * seen.trend_mg_dl_min
+        excess = readings.glucose_mg_dl - setpoint
+        doses = updated_doses(state.doses, counted, counted_bolus, excess, jump, own, settings, every)
+        allowed = largest_allowed_rate(
+            doses, above, readings.unchanged_min > 0.0, own, settings, self.limits.max_change_mU_min, every
+        )
+        trusted = accepted & (readings.unchanged_min <= settings.unchanged_min)
+        allowed = jnp.where(trusted, allowed, doses.basal_mU_min)
+        wanted = jnp.where(sound, decision.insulin_mU_min, doses.basal_mU_min)
+        gap, long_gap = (
+            readings.since_accepted_min > settings.gap_min,
+            readings.since_accepted_min > settings.long_gap_min,
+        )
+        predicted = readings.glucose_mg_dl + settings.ahead_min * readings.trend_mg_dl_min
         bound = settings.low_mg_dl + settings.hysteresis_mg_dl * state.suspended
         suspended = jnp.minimum(predicted, lowest) < bound
         dose = jnp.minimum(wanted, allowed)
         # No insulin at all for longer would end in ketoacidosis, so that a request of nothing is not followed for ever.
-        dose = jnp.where(long_unseen, settings.reduced_fraction * given.basal_mU_min, dose)
+        dose = jnp.where(long_gap, settings.reduced_fraction * doses.basal_mU_min, dose)
         dose = jnp.where(suspended, self.limits.min_mU_min, dose)
         # A report of more than was asked for lifts no dose: the pump goes down as fast as it can by itself.
         lowest_start = jnp.where(intact, jnp.minimum(delivered, state.command_mU_min), delivered)
@@ -217,29 +230,31 @@ class Guard:
         limited, bolus = wanted > allowed, None
         if decision.bolus_mU is not None:
             requested = jnp.where(sound, jnp.maximum(decision.bolus_mU, 0.0), 0.0)
-            # A reading that is not believed calls for no insulin, but a meal does, which also ends a predicted low.
+            # A reading that is not accepted calls for no insulin, but a meal does, which also ends a predicted low.
             eats = clean.announced_carbs_g > 0.0
-            may = jnp.where(eats, lowest >= settings.low_mg_dl, trusted & ~suspended) & ~unseen
+            may = jnp.where(eats, lowest >= settings.low_mg_dl, trusted & ~suspended) & ~gap
             change = self.limits.max_change_mU_min
-            beside = largest_rate(given, dose, dose, change)
-            bolus = jnp.where(may, jnp.minimum(requested, most_bolus(given, beside, own, settings, change, every)), 0.0)
+            beside = largest_possible_rate(doses, dose, dose, change)
+            bolus = jnp.where(
+                may, jnp.minimum(requested, largest_allowed_bolus(doses, beside, own, settings, change, every)), 0.0
+            )
             limited = limited | (requested > bolus)
 
         status = decision.status
         for holds, kind in (
             (~within, Status.SATURATED),
-            (is_known(observation) & ~believed, Status.READING_REJECTED),
+            (is_known(observation) & ~accepted, Status.READING_REJECTED),
             (limited, Status.DOSE_LIMITED),
-            (unseen, Status.FALLBACK_BASAL),
-            (long_unseen, Status.FALLBACK_REDUCED),
+            (gap, Status.FALLBACK_BASAL),
+            (long_gap, Status.FALLBACK_REDUCED),
             (suspended, Status.SUSPENDED),
             (~sound, Status.RESTARTED),
         ):
             status = jnp.where(holds, int(kind), status)
-        state = GuardState(
+        state = _GuardState(
             inner=inner,
-            seen=seen,
-            given=given.with_check(dose, bolus),
+            readings=readings,
+            doses=doses.with_check(dose, bolus),
             command_mU_min=dose,
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended, 1.0, 0.0).astype(dose.dtype),
@@ -247,19 +262,19 @@ class Guard:
         )
         return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus)
 
-    def _healed(self, state: GuardState, intact: jax.Array) -> GuardState:
+    def _repaired(self, state: _GuardState, intact: jax.Array) -> _GuardState:
         """The state with every impossible number replaced, and the record of doses if it is not intact."""
         setpoint_mg_dl, suspended = state.setpoint_mg_dl, state.suspended
         setpoint = jnp.where(self._is_setpoint(setpoint_mg_dl), setpoint_mg_dl, _ORDINARY_MG_DL)
         basal = jnp.asarray(self.basal_mU_min, setpoint_mg_dl.dtype)
         own, before = self._own_limits, self.limits.max_mU_min + self.limits.max_change_mU_min
-        given = heal_given(state.given, intact, basal, own, self._highest_rate, before)
-        bolus, largest = state.bolus_mU, largest_bolus(given.basal_mU_min, own, self.settings)
-        return GuardState(
+        doses = repaired_doses(state.doses, intact, basal, own, self._highest_rate, before)
+        bolus, largest = state.bolus_mU, largest_possible_bolus(doses.basal_mU_min, own, self.settings)
+        return _GuardState(
             inner=state.inner,
-            seen=heal_seen(state.seen, setpoint, self.settings),
-            given=given,
-            command_mU_min=jnp.where(intact, state.command_mU_min, given.basal_mU_min),
+            readings=repaired_readings(state.readings, setpoint, self.settings),
+            doses=doses,
+            command_mU_min=jnp.where(intact, state.command_mU_min, doses.basal_mU_min),
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
             bolus_mU=None if bolus is None else jnp.where(intact, bolus, largest),
@@ -283,20 +298,20 @@ class Guard:
         """Whether a reported rate is possible."""
         return (insulin_mU_min >= 0.0) & (insulin_mU_min <= self._highest_rate)
 
-    def _bolus_since(self, state: GuardState, observation: Observation) -> jax.Array | None:
-        """Bolus of the last sample; a pump that says nothing possible is taken to have done as it was asked."""
-        word = observation.delivered_bolus_mU
-        if state.bolus_mU is None or word is None:
+    def _bolus_since(self, state: _GuardState, observation: Observation) -> jax.Array | None:
+        """Bolus of the last sample; a pump that reports nothing possible is taken to have done as it was asked."""
+        reported = observation.delivered_bolus_mU
+        if state.bolus_mU is None or reported is None:
             return state.bolus_mU
-        return jnp.where((word >= 0.0) & (word <= MAX_BOLUS_MU), word, state.bolus_mU)
+        return jnp.where((reported >= 0.0) & (reported <= MAX_BOLUS_MU), reported, state.bolus_mU)
 
     def _is_setpoint(self, setpoint_mg_dl: jax.Array) -> jax.Array:
         lowest, highest = self.settings.lowest_reading_mg_dl, self.settings.highest_reading_mg_dl
         return (setpoint_mg_dl >= lowest) & (setpoint_mg_dl <= highest)
 
     def _setpoint(self, observation: Observation, otherwise: jax.Array) -> jax.Array:
-        given = observation.setpoint_mg_dl
-        return jnp.where(self._is_setpoint(given), given, otherwise)
+        setpoint = observation.setpoint_mg_dl
+        return jnp.where(self._is_setpoint(setpoint), setpoint, otherwise)
 
     def _keeps(self, dose: jax.Array, delivered: jax.Array, lowest_start: jax.Array) -> jax.Array:
         """Whether a dose keeps the limits, up to the rounding of an earlier clip to the rate limit."""
@@ -314,8 +329,8 @@ class Guard:
 
 def _clean(
     observation: Observation,
-    seen: Seen,
-    believed: jax.Array,
+    readings: ReadingHistory,
+    accepted: jax.Array,
     setpoint: jax.Array,
     delivered: jax.Array,
     bolus_mU: jax.Array | None,
@@ -323,8 +338,8 @@ def _clean(
     """An observation whose fields are all possible values."""
     carbs, time = observation.announced_carbs_g, observation.time_of_day_min
     return Observation(
-        glucose_mg_dl=seen.glucose_mg_dl,
-        valid=believed,
+        glucose_mg_dl=readings.glucose_mg_dl,
+        valid=accepted,
         setpoint_mg_dl=setpoint,
         delivered_mU_min=delivered,
         announced_carbs_g=jnp.where((carbs >= 0.0) & (carbs <= _MAX_CARBS_G), carbs, 0.0),
@@ -385,15 +400,15 @@ def guarded(
     3. The dose is cut to the largest that is allowed, ``b max(A, 1 + (B' - k B) / (1 - k))``, and to that of the hour,
        but not below the basal rate. ``B' = min((y - r - e - d) / F, B_max)`` is the insulin that may be on board, and
        at most ``B`` of it while the reading stays the same.
-    4. Without a believed reading the dose is at most the basal rate and at most what the controller asks for. After a
+    4. Without an accepted reading the dose is at most the basal rate and at most what the controller asks for. After a
        long time without one it is a part of the basal rate, whatever the controller asks for.
     5. The dose is 0 while ``y + t y'`` is below the bound.
     6. The dose is clipped to the pump's limits: it rises from the reported rate, and falls from the lower of that and
        the requested one. A dose that no rule changed passes bit for bit.
     7. A bolus is cut so that insulin on board, which has all of it at once, stays within ``B_max``, and insulin in any
        window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
-       given while insulin is suspended nor on a reading that is not believed, unless a meal is announced; and none at
-       all while a possible reading is low or no reading was believed for long.
+       given while insulin is suspended nor on a reading that is not accepted, unless a meal is announced; and none at
+       all while a possible reading is low or no reading was accepted for long.
 
     Where a person's own carbohydrate ratio or correction factor is known, ``with_profile`` scales ``B_max``, the cap of
     the hour and ``F`` by it, up to the setting ``profile_span``.
@@ -404,7 +419,7 @@ def guarded(
     ``b``         basal rate
     ``B``         insulin on board, in basal rates beyond the basal rate     ``max_on_board``
     ``k``         share of it that is left after a sample                    ``on_board_tau_min``
-    ``y - r``     the last believed reading less the setpoint
+    ``y - r``     the last accepted reading less the setpoint
     ``e, F, A``   error, fall, and dose that is always allowed               ``error_mg_dl``, ...
     ``d``         part of the reading that is due to a jump                  ``doubt_tau_min``
     ``t, y'``     time ahead, and trend                                      ``ahead_min``

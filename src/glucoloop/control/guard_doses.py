@@ -60,8 +60,8 @@ from glucoloop.units import MIN_PER_H
 
 
 @pytree
-class Given:
-    """Past insulin, and the doubt about the readings that led to it."""
+class DoseHistory:
+    """Past insulin, and the part of the readings that is attributed to the sensor."""
 
     basal_mU_min: jax.Array
     per_basal: jax.Array
@@ -74,7 +74,7 @@ class Given:
     """(samples, ...) rates of the last hour, the oldest first, each at least the basal rate."""
     rate_mU_min: jax.Array
     """Largest rate that the pump can have given in the last sample."""
-    doubted_mg_dl: jax.Array
+    sensor_jump_mg_dl: jax.Array
     """Part of the reading that is attributed to the sensor; below 0 after a jump down, which may be reversed."""
     check: jax.Array
     """Check sum of the record: of `counted`, the hour, the last rate, and the last dose that was asked for. It is below
@@ -90,11 +90,11 @@ class Given:
         difference = jnp.abs(jnp.abs(self.check) - self._sum(requested_mU_min, requested_bolus_mU))
         return difference <= rounding * jnp.abs(self.check)
 
-    def with_check(self, requested_mU_min: jax.Array, requested_bolus_mU: jax.Array | None) -> Given:
+    def with_check(self, requested_mU_min: jax.Array, requested_bolus_mU: jax.Array | None) -> DoseHistory:
         """The same record with its check sum."""
         return dataclasses.replace(self, check=self._sum(requested_mU_min, requested_bolus_mU))
 
-    def with_first_check(self, requested_mU_min: jax.Array, requested_bolus_mU: jax.Array | None) -> Given:
+    def with_first_check(self, requested_mU_min: jax.Array, requested_bolus_mU: jax.Array | None) -> DoseHistory:
         """The same record with the check sum of a first state."""
         return dataclasses.replace(self, check=-self._sum(requested_mU_min, requested_bolus_mU))
 
@@ -145,32 +145,32 @@ class Hour:
         return self.whole + (self.part_min > 0.0)
 
 
-def first_given(
+def initial_doses(
     basal_mU_min: jax.Array, rate_mU_min: jax.Array, sample_time_min: float, no_bolus_mU: jax.Array | None
-) -> Given:
+) -> DoseHistory:
     """State after a long time at the basal rate, with a rate in force; the bolus is None for a controller without."""
     zero, samples = jnp.zeros_like(basal_mU_min), Hour.of(sample_time_min).samples
-    return Given(
+    return DoseHistory(
         basal_mU_min=basal_mU_min,
         per_basal=_inverse(basal_mU_min),
         on_board=zero,
         counted=zero,
         hour_mU_min=jnp.broadcast_to(basal_mU_min, (samples, *basal_mU_min.shape)),
         rate_mU_min=rate_mU_min,
-        doubted_mg_dl=zero,
+        sensor_jump_mg_dl=zero,
         check=zero,
         hour_bolus_mU=None if no_bolus_mU is None else jnp.broadcast_to(no_bolus_mU, (samples, *no_bolus_mU.shape)),
     )
 
 
-def heal_given(
-    given: Given,
+def repaired_doses(
+    doses: DoseHistory,
     intact: jax.Array,
     basal_mU_min: jax.Array,
     own: OwnLimits,
-    most_mU_min: jax.Array | float,
+    highest_mU_min: jax.Array | float,
     before_mU_min: jax.Array | float,
-) -> Given:
+) -> DoseHistory:
     """Replace every impossible number of this state by the one that allows the least insulin.
 
     `basal_mU_min` is NaN for a guard built without a basal rate, `most_mU_min` the highest rate that may be reported,
@@ -178,46 +178,46 @@ def heal_given(
     """
 
     def rate(value: jax.Array) -> jax.Array:
-        return (value >= 0.0) & (value <= most_mU_min)
+        return (value >= 0.0) & (value <= highest_mU_min)
 
     # The basal rate is in the state twice. If the two disagree, the rate of the guard holds, or else the lower one.
-    one, other = given.basal_mU_min, _inverse(given.per_basal)
-    none = (one == 0.0) & (given.per_basal == 0.0)
-    sound = rate(one) & ((jnp.abs(one * given.per_basal - 1.0) < _AGREE) | none)
-    other = jnp.where(rate(other) & (other > _AGREE), other, most_mU_min)
-    lower = jnp.where(rate(one), jnp.minimum(one, other), jnp.where(other < most_mU_min, other, 0.0))
+    one, other = doses.basal_mU_min, _inverse(doses.per_basal)
+    none = (one == 0.0) & (doses.per_basal == 0.0)
+    sound = rate(one) & ((jnp.abs(one * doses.per_basal - 1.0) < _AGREE) | none)
+    other = jnp.where(rate(other) & (other > _AGREE), other, highest_mU_min)
+    lower = jnp.where(rate(one), jnp.minimum(one, other), jnp.where(other < highest_mU_min, other, 0.0))
     basal = jnp.where(sound, one, jnp.where(rate(basal_mU_min), basal_mU_min, lower))
-    cap, boluses = own.max_on_board, given.hour_bolus_mU
-    return Given(
+    cap, boluses = own.max_on_board, doses.hour_bolus_mU
+    return DoseHistory(
         basal_mU_min=basal,
-        per_basal=jnp.where(sound, given.per_basal, _inverse(basal)),
-        on_board=jnp.where(jnp.abs(given.on_board) < _ABSURD, given.on_board, cap),
-        counted=jnp.where(intact, given.counted, cap),
-        hour_mU_min=jnp.where(intact, given.hour_mU_min, most_mU_min),
-        rate_mU_min=jnp.where(intact, given.rate_mU_min, before_mU_min),
-        doubted_mg_dl=jnp.where(jnp.abs(given.doubted_mg_dl) < _ABSURD, given.doubted_mg_dl, _ABSURD),
-        check=given.check,
+        per_basal=jnp.where(sound, doses.per_basal, _inverse(basal)),
+        on_board=jnp.where(jnp.abs(doses.on_board) < _ABSURD, doses.on_board, cap),
+        counted=jnp.where(intact, doses.counted, cap),
+        hour_mU_min=jnp.where(intact, doses.hour_mU_min, highest_mU_min),
+        rate_mU_min=jnp.where(intact, doses.rate_mU_min, before_mU_min),
+        sensor_jump_mg_dl=jnp.where(jnp.abs(doses.sensor_jump_mg_dl) < _ABSURD, doses.sensor_jump_mg_dl, _ABSURD),
+        check=doses.check,
         hour_bolus_mU=None if boluses is None else jnp.where(intact, boluses, MAX_BOLUS_MU),
     )
 
 
-def largest_rate(
-    given: Given, requested_mU_min: jax.Array, reported_mU_min: jax.Array, max_change_mU_min: jax.Array | float
+def largest_possible_rate(
+    doses: DoseHistory, requested_mU_min: jax.Array, reported_mU_min: jax.Array, max_change_mU_min: jax.Array | float
 ) -> jax.Array:
     """Largest rate that the pump can give in a sample: it is what counts, whatever the pump reports.
 
     It is the largest of what was asked for, what was reported, and what the pump comes down to from the rate before.
     """
-    return jnp.maximum(jnp.maximum(requested_mU_min, reported_mU_min), given.rate_mU_min - max_change_mU_min)
+    return jnp.maximum(jnp.maximum(requested_mU_min, reported_mU_min), doses.rate_mU_min - max_change_mU_min)
 
 
-def largest_bolus(basal_mU_min: jax.Array, own: OwnLimits, settings: GuardSettings) -> jax.Array:
+def largest_possible_bolus(basal_mU_min: jax.Array, own: OwnLimits, settings: GuardSettings) -> jax.Array:
     """Largest bolus that a guard can have asked for [mU]: all that may be on board, at once."""
     return jnp.minimum(own.max_on_board * settings.on_board_tau_min * basal_mU_min, MAX_BOLUS_MU)
 
 
-def take_in(
-    given: Given,
+def updated_doses(
+    doses: DoseHistory,
     delivered_mU_min: jax.Array,
     delivered_bolus_mU: jax.Array | None,
     above_setpoint_mg_dl: jax.Array,
@@ -225,37 +225,38 @@ def take_in(
     own: OwnLimits,
     settings: GuardSettings,
     sample_time_min: float,
-) -> Given:
+) -> DoseHistory:
     """Include the insulin of the last sample, and the jump of the reading that is attributed to the sensor.
 
-    Glucose does not jump: a jump is doubted as far as it would call for more insulin, and forgotten gradually.
+    Glucose does not jump: a jump is attributed to the sensor as far as it would call for more insulin, and forgotten
+    gradually.
     """
-    left_share, boluses = _left_share(settings, sample_time_min), given.hour_bolus_mU
+    left_share, boluses = _left_share(settings, sample_time_min), doses.hour_bolus_mU
     infused = delivered_mU_min
     if boluses is not None and delivered_bolus_mU is not None:
         infused = infused + delivered_bolus_mU / sample_time_min
         boluses = jnp.concatenate([boluses[1:], delivered_bolus_mU[None]])
-    beyond = (infused - given.basal_mU_min) * given.per_basal
-    on_board = left_share * given.on_board + (1.0 - left_share) * beyond
+    beyond = (infused - doses.basal_mU_min) * doses.per_basal
+    on_board = left_share * doses.on_board + (1.0 - left_share) * beyond
     # How far glucose is above the setpoint, and how far insulin on board has lowered it.
     need = above_setpoint_mg_dl + own.fall_mg_dl * on_board
-    doubted = math.exp(-sample_time_min / settings.doubt_tau_min) * given.doubted_mg_dl + jump_mg_dl
-    counted = jnp.maximum(delivered_mU_min, given.basal_mU_min)
-    return Given(
-        basal_mU_min=given.basal_mU_min,
-        per_basal=given.per_basal,
+    sensor_jump = math.exp(-sample_time_min / settings.doubt_tau_min) * doses.sensor_jump_mg_dl + jump_mg_dl
+    counted = jnp.maximum(delivered_mU_min, doses.basal_mU_min)
+    return DoseHistory(
+        basal_mU_min=doses.basal_mU_min,
+        per_basal=doses.per_basal,
         on_board=on_board,
-        counted=jnp.maximum(left_share * given.counted + (1.0 - left_share) * beyond, 0.0),
-        hour_mU_min=jnp.concatenate([given.hour_mU_min[1:], counted[None]]),
+        counted=jnp.maximum(left_share * doses.counted + (1.0 - left_share) * beyond, 0.0),
+        hour_mU_min=jnp.concatenate([doses.hour_mU_min[1:], counted[None]]),
         rate_mU_min=delivered_mU_min,
-        doubted_mg_dl=jnp.minimum(doubted, jnp.maximum(need, 0.0)),
-        check=given.check,
+        sensor_jump_mg_dl=jnp.minimum(sensor_jump, jnp.maximum(need, 0.0)),
+        check=doses.check,
         hour_bolus_mU=boluses,
     )
 
 
-def most(
-    given: Given,
+def largest_allowed_rate(
+    doses: DoseHistory,
     above_setpoint_mg_dl: jax.Array,
     unchanged: jax.Array,
     own: OwnLimits,
@@ -266,25 +267,25 @@ def most(
     """Largest rate that is allowed for the coming sample, never less than the basal rate.
 
     Insulin on board may reach the amount that lowers glucose to the setpoint if the sensor reads too high by its error
-    and by the doubted part. A reading that is held, the same as the one before, calls for no more than is on board:
-    where a sensor is stuck, glucose falls unseen. A little more than the basal rate is always allowed, as long as
-    insulin on board is no more than that.
+    and by the part that is attributed to it. A reading that is the same as the one before calls for no more than is on
+    board: where a sensor is stuck, glucose falls unseen. A little more than the basal rate is always allowed, as long
+    as insulin on board is no more than that.
     """
     left_share = _left_share(settings, sample_time_min)
-    surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
+    surely = above_setpoint_mg_dl - jnp.maximum(doses.sensor_jump_mg_dl, 0.0) - settings.error_mg_dl
     target = jnp.minimum(surely * (1.0 / own.fall_mg_dl), own.max_on_board)
-    target = jnp.where(unchanged, jnp.minimum(target, given.counted), target)
-    by_reading = _most_beyond(target, given, max_change_mU_min, left_share)
+    target = jnp.where(unchanged, jnp.minimum(target, doses.counted), target)
+    by_reading = _largest_beyond(target, doses, max_change_mU_min, left_share)
     little = jnp.minimum(settings.always_basal - 1.0, own.max_on_board)
-    always = jnp.minimum(little, (little - left_share * given.counted) * (1.0 / (1.0 - left_share)))
-    by_board = (1.0 + jnp.maximum(by_reading, always)) * given.basal_mU_min
+    always = jnp.minimum(little, (little - left_share * doses.counted) * (1.0 / (1.0 - left_share)))
+    by_board = (1.0 + jnp.maximum(by_reading, always)) * doses.basal_mU_min
     return jnp.maximum(
-        jnp.minimum(by_board, _most_of_hour(given, own, max_change_mU_min, sample_time_min)), given.basal_mU_min
+        jnp.minimum(by_board, _largest_of_hour(doses, own, max_change_mU_min, sample_time_min)), doses.basal_mU_min
     )
 
 
-def most_bolus(
-    given: Given,
+def largest_allowed_bolus(
+    doses: DoseHistory,
     rate_mU_min: jax.Array,
     own: OwnLimits,
     settings: GuardSettings,
@@ -296,9 +297,9 @@ def most_bolus(
     Both caps must hold at once and while the rate goes down from the given one to the basal rate, as for a rate alone.
     Readings do not bound a bolus: that of a meal is needed before glucose rises.
     """
-    left_share, n = _left_share(settings, sample_time_min), np.arange(given.hour_mU_min.shape[0])
-    counted_rate = jnp.maximum(rate_mU_min, given.basal_mU_min)
-    beyond, steep = (counted_rate - given.basal_mU_min) * given.per_basal, max_change_mU_min * given.per_basal
+    left_share, n = _left_share(settings, sample_time_min), np.arange(doses.hour_mU_min.shape[0])
+    counted_rate = jnp.maximum(rate_mU_min, doses.basal_mU_min)
+    beyond, steep = (counted_rate - doses.basal_mU_min) * doses.per_basal, max_change_mU_min * doses.per_basal
     # beyond, for n + 1 samples from now on, lowered by a further step at each
     unchanged, lowered, left, per_bolus = (
         _column(values, beyond)
@@ -309,17 +310,19 @@ def most_bolus(
             sample_time_min / ((1.0 - left_share) * left_share**n),
         )
     )
-    on_board = left * given.counted + (1.0 - left_share) * (unchanged * beyond - lowered * steep)
-    at_once = (own.max_on_board - given.counted) * settings.on_board_tau_min
+    on_board = left * doses.counted + (1.0 - left_share) * (unchanged * beyond - lowered * steep)
+    at_once = (own.max_on_board - doses.counted) * settings.on_board_tau_min
     spread = jnp.min((own.max_on_board - on_board) * per_bolus, axis=0)
-    by_board = jnp.minimum(at_once, spread) * given.basal_mU_min
-    hours = _hours(given, own, sample_time_min)
+    by_board = jnp.minimum(at_once, spread) * doses.basal_mU_min
+    hours = _hours(doses, own, sample_time_min)
     of_rate = _column(hours.rate_min, beyond) * counted_rate - _column(hours.steps_min, beyond) * max_change_mU_min
     by_hour = jnp.minimum(jnp.min(hours.rest_mU - of_rate, axis=0), jnp.min(hours.before_mU, axis=0))
     return jnp.maximum(jnp.minimum(by_board, by_hour), 0.0)
 
 
-def _most_beyond(target: jax.Array, given: Given, max_change_mU_min: jax.Array | float, left_share: float) -> jax.Array:
+def _largest_beyond(
+    target: jax.Array, doses: DoseHistory, max_change_mU_min: jax.Array | float, left_share: float
+) -> jax.Array:
     """Largest rate beyond the basal rate, in basal rates, from which insulin on board does not pass a target.
 
     After n more samples of the rate ``z`` going down by ``D`` at each, ``k^(n+1) B + (1 - k) sum_i k^(n-i) (z - i D)``
@@ -327,12 +330,12 @@ def _most_beyond(target: jax.Array, given: Given, max_change_mU_min: jax.Array |
     earlier n; so z is allowed if none of these passes the target. Beyond the last n looked at, a rate below the target
     cannot pass it.
     """
-    steep, samples = max_change_mU_min * given.per_basal, given.hour_mU_min.shape[0]
+    steep, samples = max_change_mU_min * doses.per_basal, doses.hour_mU_min.shape[0]
     n = np.arange(samples)
     share = left_share ** (n + 1)
     left, per_rate = _column(share, target), _column(1.0 / (1.0 - share), target)
     lowered = _column((1.0 - left_share) * _after(n, left_share, np.asarray), target)
-    z = (target - left * given.counted + lowered * steep) * per_rate
+    z = (target - left * doses.counted + lowered * steep) * per_rate
     return jnp.minimum(target + samples * steep, jnp.min(z, axis=0))
 
 
@@ -351,13 +354,13 @@ class _Hours:
     """(1, ...) the same of the window that ends now, in which of coming insulin only a bolus can be."""
 
 
-def _hours(given: Given, own: OwnLimits, sample_time_min: float) -> _Hours:
+def _hours(doses: DoseHistory, own: OwnLimits, sample_time_min: float) -> _Hours:
     """Windows of an hour with i past and k coming samples, and a part of one more at either end."""
     hour = Hour.of(sample_time_min)
-    cap = own.max_hour * MIN_PER_H * given.basal_mU_min
-    amounts = sample_time_min * given.hour_mU_min
-    if given.hour_bolus_mU is not None:
-        amounts = amounts + given.hour_bolus_mU
+    cap = own.max_hour * MIN_PER_H * doses.basal_mU_min
+    amounts = sample_time_min * doses.hour_mU_min
+    if doses.hour_bolus_mU is not None:
+        amounts = amounts + doses.hour_bolus_mU
     none = jnp.zeros_like(amounts[:1])
     # of i = 0 .. m past samples, the newest first
     past = jnp.concatenate([none, jnp.cumsum(amounts[::-1][: hour.whole], axis=0)])
@@ -366,7 +369,7 @@ def _hours(given: Given, own: OwnLimits, sample_time_min: float) -> _Hours:
     if hour.part_min == 0.0:
         rest = cap - past
         return _Hours(rate_min[:-1], steps_min[:-1], rest[:-1], rest[-1:])
-    rest = cap - jnp.concatenate([past, past + hour.part_min * given.hour_mU_min[::-1]])
+    rest = cap - jnp.concatenate([past, past + hour.part_min * doses.hour_mU_min[::-1]])
     return _Hours(
         rate_min=np.concatenate([rate_min + hour.part_min, rate_min[:-1]]),
         steps_min=np.concatenate([steps_min + hour.part_min * k, steps_min[:-1]]),
@@ -375,25 +378,25 @@ def _hours(given: Given, own: OwnLimits, sample_time_min: float) -> _Hours:
     )
 
 
-def _most_of_hour(
-    given: Given, own: OwnLimits, max_change_mU_min: jax.Array | float, sample_time_min: float
+def _largest_of_hour(
+    doses: DoseHistory, own: OwnLimits, max_change_mU_min: jax.Array | float, sample_time_min: float
 ) -> jax.Array:
     """Largest rate from which no hour passes its cap, while the rate goes down to the basal rate.
 
     A rate that would go on down below the basal rate is not looked at: of the windows with the basal rate in its place
     none holds more than an earlier one.
     """
-    hours = _hours(given, own, sample_time_min)
-    lowered = _column(hours.steps_min / hours.rate_min, given.basal_mU_min) * max_change_mU_min
-    return jnp.min(hours.rest_mU * _column(1.0 / hours.rate_min, given.basal_mU_min) + lowered, axis=0)
+    hours = _hours(doses, own, sample_time_min)
+    lowered = _column(hours.steps_min / hours.rate_min, doses.basal_mU_min) * max_change_mU_min
+    return jnp.min(hours.rest_mU * _column(1.0 / hours.rate_min, doses.basal_mU_min) + lowered, axis=0)
 
 
 def _after(
-    n: npt.NDArray[Any], left_share: float, given: Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+    n: npt.NDArray[Any], left_share: float, term: Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 ) -> npt.NDArray[Any]:
-    """Sum of ``given(i) left_share^(n - i)`` over i from 0 to each n."""
+    """Sum of ``term(i) left_share^(n - i)`` over i from 0 to each n."""
     i = np.arange(n.size, dtype=float)
-    return np.asarray(np.where(i <= n[:, None], left_share ** (n[:, None] - i), 0.0) @ given(i))
+    return np.asarray(np.where(i <= n[:, None], left_share ** (n[:, None] - i), 0.0) @ term(i))
 
 
 def _column(numbers: npt.NDArray[Any], like: jax.Array) -> jax.Array:
@@ -413,7 +416,7 @@ def _inverse(value: jax.Array) -> jax.Array:
 
 
 MAX_BOLUS_MU: Final = 100_000.0
-"""Largest bolus of any pump; a report beyond it is not believed."""
+"""Largest bolus of any pump; a report beyond it is not accepted."""
 _AGREE_SAMPLES: Final = 1e-9
 """Part of a sample that is the rounding of a sample time that divides an hour."""
 _ABSURD: Final = 1e4

@@ -110,13 +110,15 @@ def bounds_proved(exported: Exported) -> Check:
                 at = f"&{structure}.{field.name}{'[0]' if field.is_array else ''}"
                 lines.append(f"  anything({at}, sizeof({structure}.{field.name}));")
     last = exported.last
-    bounds = {last.rate: (last.least.hex(), last.most.hex()), "status": (0, max(Status).value)}
+    bounds = {last.rate: (last.minimum.hex(), last.maximum.hex()), "status": (0, max(Status).value)}
     if last.bolus is not None:
         bounds[last.bolus[0]] = ("0.0", last.bolus[1].hex())
-    assertions = [f"  /*@ assert {least} <= decision.{name} <= {most}; */" for name, (least, most) in bounds.items()]
+    assertions = [
+        f"  /*@ assert {minimum} <= decision.{name} <= {maximum}; */" for name, (minimum, maximum) in bounds.items()
+    ]
     text = template("any_step.c").replace("@ANYTHING@", template("anything.h")).replace("@FILL@", "\n".join(lines))
     text = text.replace("@BOUNDS@", "\n".join(assertions))
-    dose = f"rate from {last.least:g} to {last.most:g} mU/min"
+    dose = f"rate from {last.minimum:g} to {last.maximum:g} mU/min"
     dose += "" if last.bolus is None else f", bolus from 0 to {last.bolus[1]:g} mU"
     what = f"{dose}, a known status"
     return _analysed(BOUNDS, {**_code(exported), "main.c": text}, what, len(bounds))
@@ -129,11 +131,11 @@ def change_proved(exported: Exported) -> Check:
     function = "\n".join(last.function(format))
     if function not in exported.source.code or not of_step.endswith("\n  ".join(last.lines(format))):
         return Check(CHANGE, False, "the step does not end by the function that bounds the rate", {})
-    width = (last.most - last.least) / _SLICES * (1.0 + 1e-6)
+    width = (last.maximum - last.minimum) / _SLICES * (1.0 + 1e-6)
     bound = math.nextafter(last.change + 1.01 * width, math.inf)
     text = template("any_rate.c").replace("@SLICES@", str(_SLICES)).replace("@REAL@", format.type)
     text = text.replace("@MAX@", "FLT_MAX" if format.type == "float" else "DBL_MAX")
-    text = text.replace("@LEAST@", format.literal(last.least)).replace("@MOST@", format.literal(last.most))
+    text = text.replace("@LEAST@", format.literal(last.minimum)).replace("@MOST@", format.literal(last.maximum))
     text = text.replace("@WIDTH@", format.literal(width)).replace("@BOUND@", bound.hex())
     text = text.replace("@FUNCTION@", "\n".join([*helpers([function], format), function]))
     claim = f"at most {bound:.4g} mU/min from any delivered rate within the limits"

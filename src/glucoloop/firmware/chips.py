@@ -33,7 +33,7 @@ class Chip:
     """Whether the chip or its compiler's library rounds sums of float64 right; ``double.c`` does where they do not."""
 
     def support(self, precision: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Templates that are compiled with a controller of a precision, and what the linker is told of them."""
+        """Templates that are compiled with a controller of a precision, and the options of the linker for them."""
         return (("double.c",), MENDED_SUMS) if precision == "float64" and not self.doubles else ((), ())
 
     @property

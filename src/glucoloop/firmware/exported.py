@@ -53,8 +53,8 @@ def export(
 ) -> Exported:
     """Write a controller in C, as of an example of an observation, whose fields that are None are absent in C.
 
-    A dose of NaN is replaced by the least rate of the pump, with the status `NO_FINITE_DOSE`; the largest bolus of the
-    pump bounds those of the controller. An unknown precision or form, and a controller that C cannot express, are
+    A dose of NaN is replaced by the minimum rate of the pump, with the status `NO_FINITE_DOSE`; the maximum bolus of
+    the pump bounds those of the controller. An unknown precision or form, and a controller that C cannot express, are
     refused.
     """
     if precision not in PRECISIONS:
@@ -89,8 +89,8 @@ def _last_clamp(limits: DoseLimits, bolus: BolusLimits | None, real: np.dtype[An
     return LastClamp(
         rate="insulin_mU_min",
         delivered="delivered_mU_min",
-        least=float(real.type(limits.min_mU_min)),
-        most=float(real.type(limits.max_mU_min)),
+        minimum=float(real.type(limits.min_mU_min)),
+        maximum=float(real.type(limits.max_mU_min)),
         change=float(real.type(float(limits.max_change_mU_min) + rounding)),
         bolus=None if bolus is None else ("bolus_mU", float(real.type(bolus.max_mU))),
     )
@@ -98,14 +98,19 @@ def _last_clamp(limits: DoseLimits, bolus: BolusLimits | None, real: np.dtype[An
 
 def _finished(decision: Decision, last: LastClamp, real: np.dtype[Any]) -> Decision:
     """A decision whose dose is a number within the limits of the pump."""
-    dose, bolus, least, most = decision.insulin_mU_min, decision.bolus_mU, real.type(last.least), real.type(last.most)
+    dose, bolus, minimum, maximum = (
+        decision.insulin_mU_min,
+        decision.bolus_mU,
+        real.type(last.minimum),
+        real.type(last.maximum),
+    )
     finite = jnp.isfinite(dose)
     if bolus is not None and last.bolus is not None:
         finite = finite & jnp.isfinite(bolus)
         bolus = jnp.where(finite & (bolus > 0.0), jnp.minimum(bolus, real.type(last.bolus[1])), 0.0)
     return dataclasses.replace(
         decision,
-        insulin_mU_min=jnp.clip(jnp.where(finite, dose, least), least, most),
+        insulin_mU_min=jnp.clip(jnp.where(finite, dose, minimum), minimum, maximum),
         bolus_mU=bolus,
         status=jnp.where(finite, decision.status, int(Status.NO_FINITE_DOSE)),
     )

@@ -21,7 +21,7 @@ from glucoloop.firmware.folder import OUTCOMES
 _EVERY, _GUARD, _C = "every controller", "the guard", "the exported C"
 WHERE: Final = {
     _EVERY: "any controller of the catalogue, bare or guarded, in Python and in C",
-    _GUARD: "a controller in a guard with the usual settings, in Python and in C",
+    _GUARD: "a controller in a guard with the default settings, in Python and in C",
     _C: "the C that `glucoloop export` writes",
     "the link": "the firmware and the protocol of `glucoloop hil`",
     "real time": "the functions for a loop in real time, in Python",

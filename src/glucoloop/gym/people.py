@@ -17,9 +17,6 @@ from glucoloop._pytree import pytree
 from glucoloop.build.assemble import AtRest
 from glucoloop.build.designs import with_guard
 from glucoloop.build.surroundings import surroundings_of
-from glucoloop.cohorts.blocks import block_size
-from glucoloop.cohorts.engine import brought, loop_of, people_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.limits import LARGEST_COUNTER
@@ -31,6 +28,9 @@ from glucoloop.simulation.external_doses import ExternalDoses
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.vector_stepper import Begun, SteppedPeople
 from glucoloop.situations.situation import configured
+from glucoloop.trials.blocks import block_size
+from glucoloop.trials.engine import brought, loop_of, people_of
+from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
 _FORKED_FROM_JAX: list[int] = []

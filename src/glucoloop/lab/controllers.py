@@ -1,7 +1,8 @@
 """Controllers of the page as functions whose numbers are inputs, and the models on which the page designs them.
 
-What of a controller is part of its program is usual for the patient and cannot be changed on the page: the dead time of
-IMC, the longest horizon, the states of MPC/SE, what linear MPC keeps of a long response, and two limits of the guard.
+Some settings of a controller belong to its program, at their defaults for the patient, and cannot be changed on the
+page: the dead time of IMC, the longest horizon, the states of MPC/SE, what linear MPC keeps of a long response, and
+some limits of the guard.
 There is one program of PID and of IMC for each route of insulin, and of the predictive controllers for each size of
 what they keep of the patient.
 
@@ -52,7 +53,7 @@ from glucoloop.situations.case import usual_case
 _CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 """Controllers of all patients."""
 _BY_PROFILE: Final = ("basal-bolus",)
-"""Controllers that dose by the person's profile and give boluses: of patients with insulin under the skin."""
+"""Controllers that dose by the person's profile and give boluses: of patients with subcutaneous insulin."""
 LOOPED: Final = {"profile-mpc": ("hovorka-2004", "uva-padova-2008", "kanderian-2009")}
 """Controllers whose programs keep their loops, of which each is 20 kB of the page, with the families that have one."""
 _LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
@@ -74,7 +75,7 @@ def controllers_of(family: str) -> tuple[str, ...]:
 
 
 def default_tuning(name: str, family: str, operating_point: str, *sensor: str) -> dict[str, Value]:
-    """All settings of a controller that are usual for a patient of the page, and for a sensor where one is named.
+    """Default settings of a controller for a patient of the page, and for a sensor where one is named.
 
     A horizon that suits the model is that of the model which the page has.
     """
@@ -89,22 +90,22 @@ def default_tuning(name: str, family: str, operating_point: str, *sensor: str) -
 
 @functools.cache
 def horizon_suits_model(name: str, family: str) -> bool:
-    """Whether the usual horizon of a controller for a family is the one that suits the model."""
+    """Whether the default horizon of a controller for a family is the one that suits the model."""
     tuning = usual_case(name, situation(family, next(iter(patients(family))))).tuning
     return dict(tuning).get("prediction_horizon") == 0
 
 
 @functools.cache
 def longest_horizon(family: str) -> int:
-    """Samples that a predictive controller of the page can look ahead for a family, not less than is usual for it."""
-    usual = [
+    """Samples that a predictive controller of the page can look ahead for a family, at least its default."""
+    horizons = [
         int(default_tuning(name, family, point, *sensor)["prediction_horizon"])
         for name in _PREDICTIVE
         for point in patients(family)
         for sensor in ((), MONITORS[:1])
     ]
     return max(
-        _LONGEST_HORIZON[PATIENTS.find(family).insulin_route], _HORIZON_STEP * math.ceil(max(usual) / _HORIZON_STEP)
+        _LONGEST_HORIZON[PATIENTS.find(family).insulin_route], _HORIZON_STEP * math.ceil(max(horizons) / _HORIZON_STEP)
     )
 
 
@@ -123,7 +124,7 @@ def default_mpc_se(family: str, operating_point: str) -> MPCSE:
 
 
 def shortest_horizon(name: str, family: str, *sensor: str) -> int:
-    """Least horizon that a predictive controller accepts for every patient of a family."""
+    """Minimum horizon that a predictive controller accepts for every patient of a family."""
 
     def of_patient(operating_point: str) -> int:
         if name == "mpc-se":
@@ -212,7 +213,7 @@ class Adjustable:
 
 
 def adjustable(name: str, family: str, *, guard: bool) -> Adjustable:
-    """A controller of the page for the patients of a family, in a guard with their usual limits or not."""
+    """A controller of the page for the patients of a family, in a guard with their default limits or not."""
     bare = _example_controller(name, family)
     if not guard:
         return Adjustable(bare)

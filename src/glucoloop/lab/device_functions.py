@@ -1,8 +1,8 @@
 """Sensors and pumps of the page with their faults, as functions of one sample.
 
 A fault of a sensor takes the reading of what is inside it, so that the page can put any number of them around one
-another; a fault of a pump is compiled with the usual pump inside. Times and settings of faults are inputs. Random draws
-are none: the onset is given, and the draw that would move it moves nothing.
+another; a fault of a pump is compiled with the default pump inside. Times and settings of faults are inputs. Nothing
+is drawn: the onset is an input, and the draw that would move it moves nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.build.faulty import put_around
+from glucoloop.build.surroundings import put_around
 from glucoloop.control.protocol import Status
 from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.lowered_function import PageFunction, page_function, start_function
@@ -34,7 +34,7 @@ _OF_ANOTHER: Final = ("out-of-order",)
 MONITORS: Final = ("dexcom-g6", "dexcom-g5", "facchinetti-2014")
 """Continuous glucose monitors of the page, whose errors have one form; the one that it offers first."""
 _PROCESSES: Final = 2
-"""The most processes of their noise."""
+"""Maximum number of processes of their noise."""
 _EACH_SAMPLE: Final = Ticks(1, 1)
 _NOTICED: Final = "noticed"
 
@@ -135,9 +135,9 @@ def _reading_functions(name: str, sensor: Any) -> dict[str, PageFunction]:
 
 
 def _pumps() -> dict[str, Pump]:
-    """Pumps by the names of their functions: the usual one, and each fault around it."""
-    usual = LimitedPump(limits=PARKER_1999_LIMITS)
-    result: dict[str, Pump] = {"pump": usual}
+    """Pumps by the names of their functions: the default one, and each fault around it."""
+    default_pump = LimitedPump(limits=PARKER_1999_LIMITS)
+    result: dict[str, Pump] = {"pump": default_pump}
     for entry in FAULTS.values():
         if entry.part != "pump":
             continue
@@ -145,7 +145,7 @@ def _pumps() -> dict[str, Pump]:
         noticing = _NOTICED in entry.settings()
         for notice in ({_NOTICED: False}, {_NOTICED: True}) if noticing else ({},):
             fault = entry.partial({**times, **notice}).completed()
-            result[_fault_name(fault)] = put_around(usual, fault, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
+            result[_fault_name(fault)] = put_around(default_pump, fault, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
     return result
 
 

@@ -1,4 +1,4 @@
-"""Numbers that the page starts from: patients at rest with their models, usual settings, and drawn noise."""
+"""Numbers that the page starts from: patients at steady state with their models, default settings, and random noise."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ _LONGEST_MIN: Final = 1440.0
 _SLIDERS: Final[dict[str, dict[str, Any]]] = tomllib.loads(
     files("glucoloop.lab").joinpath("sliders.toml").read_text(encoding="utf-8")
 )
-"""Settings that can be changed on the page, with least and largest value and step of their sliders."""
+"""Settings that can be changed on the page, with minimum, maximum and step of their sliders."""
 _OF_ZERO: Final = re.compile(r";? 0: .*")
 """Sentence on a value of 0, where the page does not offer it."""
 _OF_DEFAULT: Final = re.compile(r"; that of the patient's pump\.|; by default .*|: true or false\.")
-"""Sentences on what is usual, which the page shows, and on how to write it."""
+"""Sentences on the default, which the page shows, and on how to write it."""
 _CHAIN: Final = ("ideal", "white-noise", *MONITORS, "dead-time")
 """Sensors that a chain on the page can have, from the innermost outwards."""
 
@@ -99,7 +99,7 @@ def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
 
 
 def _family(entry: type[PatientPart]) -> dict[str, Any]:
-    """Values that all patients of a family share: ways of insulin, controllers, limits and usual values."""
+    """Values that all patients of a family share: ways of insulin, controllers, limits and defaults."""
     return {
         "summary": entry.summary,
         "points": {point.name: point.summary for point in entry.operating_points},
@@ -115,7 +115,7 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
 
 
 def _population(family: str) -> str:
-    """The usual population of a family, as a command takes it for any number of people."""
+    """The default population of a family, as a command takes it for any number of people."""
     people = people_of(family)
     return people.name if people.most_people is None else f"{people.name}, draw={REPLACED}"
 
@@ -128,9 +128,9 @@ def _configuration(entry: type[PatientPart]) -> dict[str, Any]:
 
 
 def _offered(
-    part: type[Part], bounds: Mapping[str, tuple[float, float, float]], usual: Mapping[str, Any] | None = None
+    part: type[Part], bounds: Mapping[str, tuple[float, float, float]], defaults: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Settings of a part with their bounds on the page, and their usual values."""
+    """Settings of a component with their bounds on the page, and their defaults."""
     result = {}
     for name, bound in bounds.items():
         setting = part.setting(name)
@@ -138,25 +138,25 @@ def _offered(
             "summary": _OF_DEFAULT.sub("", _OF_ZERO.sub("", setting.summary) if bound[0] > 0 else setting.summary),
             "whole": setting.kind in (int, bool),
             **dict(zip(("least", "most", "step"), bound, strict=True)),
-            **({} if usual is None else {"usual": usual[name]}),
+            **({} if defaults is None else {"usual": defaults[name]}),
         }
     return result
 
 
 def _fault(entry: type[FaultPart]) -> dict[str, Any]:
     """A fault with its settings."""
-    usual = {name: setting.default.noise_free for name, setting in entry.effect_settings().items()}
-    bounds = {name: _slider(entry, name) for name in usual}
+    defaults = {name: setting.default.noise_free for name, setting in entry.effect_settings().items()}
+    bounds = {name: _slider(entry, name) for name in defaults}
     return {
         "part": entry.part,
         "summary": entry.summary,
         "timed": entry.timed,
-        "settings": _offered(entry, bounds, usual),
+        "settings": _offered(entry, bounds, defaults),
     }
 
 
 def _slider(entry: type[FaultPart], name: str) -> tuple[float, float, float]:
-    """Least and largest value and step of a fault's setting on the page, by default hundredths from bound to bound."""
+    """Minimum, maximum and step of a fault's setting on the page, by default hundredths from bound to bound."""
     if name in _SLIDERS["faults"]:
         return cast(tuple[float, float, float], _SLIDERS["faults"][name])
     setting = entry.setting(name)
@@ -175,7 +175,7 @@ def _monitor(name: str) -> dict[str, Any]:
     """A monitor: the numbers of its errors, the processes of its noise, and its settings."""
     entry = cast(type[Monitor], SENSORS[name])
     model, values = entry.model, entry().values()
-    usual = {
+    defaults = {
         **{setting: values[setting] for setting in _SLIDERS["monitor"]},
         "lag_min": model.lag_min,
         "worn_min": None,
@@ -186,12 +186,12 @@ def _monitor(name: str) -> dict[str, Any]:
         "summary": entry.summary,
         "numbers": {of: number for of, number in by_name(errors_of(name)).items() if of not in random_or_unused},
         "processes": len(model.processes),
-        "settings": _offered(entry, {**_SLIDERS["monitor"], "worn_min": worn_min}, usual),
+        "settings": _offered(entry, {**_SLIDERS["monitor"], "worn_min": worn_min}, defaults),
     }
 
 
 def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -> dict[str, Any]:
-    """A patient at rest, and the models on which controllers are designed."""
+    """A patient at steady state, and the models on which controllers are designed."""
     x = patient.steady_state(patient.basal_insulin_mU_min)
     return {
         "family": entry.name,
@@ -255,7 +255,7 @@ def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dic
     step_mU_min, delay_min = float(tuning["step_mU_min"]), tuning.get("delay_min")
     fitted = fit_step(
         patient,
-        step_mU_min=step_mU_min or None,  # 0: the usual one
+        step_mU_min=step_mU_min or None,  # 0: the default
         delay_min=None if delay_min is None else float(delay_min),
         sample_time_min=SAMPLE_TIME_MIN,
     )
@@ -263,17 +263,17 @@ def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dic
 
 
 def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
-    """A controller's settings on the page, and the usual values of all of its settings."""
+    """A controller's settings on the page, and the defaults of all of its settings."""
     entry = controller_entry(name)
     bounds = dict(_SLIDERS["controllers"][name])
     if of_patient.insulin_route == SUBCUTANEOUS:
         bounds |= _SLIDERS["subcutaneous"].get(name, {})
     if "prediction_horizon" in bounds:
-        least = shortest_horizon(name, of_patient.name)
-        bounds["prediction_horizon"] = (least, longest_horizon(of_patient.name), 1)
-    usual: dict[str, Any] = {}
+        minimum = shortest_horizon(name, of_patient.name)
+        bounds["prediction_horizon"] = (minimum, longest_horizon(of_patient.name), 1)
+    defaults: dict[str, Any] = {}
     for point in of_patient.operating_points:
-        usual[point.name] = {
+        defaults[point.name] = {
             kind: default_tuning(name, of_patient.name, point.name, *sensor)
             for kind, sensor in (("noise_free", ()), ("noisy", ("white-noise",)), ("behind_lag", MONITORS[:1]))
         }
@@ -283,7 +283,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         "gives_boluses": entry.gives_boluses,
         "summary": entry.summary,
         "settings": _offered(entry, bounds),
-        "usual": usual,
+        "usual": defaults,
         "horizon_suits_model": horizon_suits_model(name, of_patient.name),
     }
     if name == "mpc":

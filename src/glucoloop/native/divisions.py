@@ -94,8 +94,8 @@ def _shared(program: Program, new: Program, place: dict[Value, Value], group: Se
     above, below = ([place[program.operations[v][1][i]] for v in group] for i in (0, 1))
     if len(group) == 1:
         return [new.apply("div", above[0], below[0])]
-    least = new.constant(_MIN_DENOMINATOR)
-    below = [new.apply("select", new.apply("lt", least, b), b, least) for b in below]
+    minimum = new.constant(_MIN_DENOMINATOR)
+    below = [new.apply("select", new.apply("lt", minimum, b), b, minimum) for b in below]
     products = list(itertools.accumulate(below, functools.partial(new.apply, "mul")))
     inverse = new.apply("div", new.constant(1.0), products[-1])
     quotients: list[Value] = []

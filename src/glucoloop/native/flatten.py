@@ -339,7 +339,7 @@ class Flattener:
         result = [self.run(branch, arguments) for branch in primitives.branches(equation)]
         return [self._chosen(int(which), results) for results in zip(*result, strict=True)]
 
-    def _do_argmax(self, equation: Any, a: Values, *, least: bool = False) -> Values:
+    def _do_argmax(self, equation: Any, a: Values, *, smallest: bool = False) -> Values:
         (axis,), p = primitives.axes(equation), self.program
         rows = np.moveaxis(a, axis, -1)
 
@@ -347,7 +347,7 @@ class Flattener:
             best, place = p.apply("number", int(row[0])), p.constant(0.0)
             for i, element in enumerate(row[1:], start=1):
                 value = p.apply("number", int(element))
-                better = p.apply("lt", *((value, best) if least else (best, value)))
+                better = p.apply("lt", *((value, best) if smallest else (best, value)))
                 if self.program.types[int(element)] == FLOAT:  # what is no number counts as the best
                     new = p.apply("and", p.apply("ne", value, value), p.apply("eq", best, best))
                     better = p.apply("or", better, new)
@@ -357,7 +357,7 @@ class Flattener:
         flat = [first_best(row) for row in rows.reshape(-1, rows.shape[-1])]
         return np.array(flat, np.int64).reshape(rows.shape[:-1])
 
-    _do_argmin = functools.partialmethod(_do_argmax, least=True)
+    _do_argmin = functools.partialmethod(_do_argmax, smallest=True)
 
     def _do_convert_element_type(self, equation: Any, a: Values) -> Values:
         source, target = equation.invars[0].aval.dtype, primitives.new_dtype(equation)

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import jax
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.setting import Value, value_text
 from glucoloop.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultPart
 from glucoloop.meals import Meal
@@ -21,6 +20,7 @@ from glucoloop.simulation.user_objects import goes_fast
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import FedSituation, Run
 from glucoloop.text import the_first
+from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, UNIT_BY_ENDING, ending_of, u_h_from_mu_min
 
 # What changes nothing, if it is not 0.

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.cohorts.people_run import PeopleRun
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -18,6 +17,7 @@ from glucoloop.report._style import GREY, Width
 from glucoloop.report.charts import extent
 from glucoloop.report.labelled_traces import Bout, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.simulation import Trace
+from glucoloop.trials.people_run import PeopleRun
 from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
 
 if TYPE_CHECKING:

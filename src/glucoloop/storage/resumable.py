@@ -4,7 +4,7 @@ The first file is the origin of the results; the list of digests, written last, 
 may die between any two operations on the disk; the next one reads the results, removes unfinished files, and resumes.
 
 The results are either one file with a row for each unit of work, see `storage.rows`, or a folder of parts that are put
-in their places whole, see `storage.trials.folder`. Each of them says what its results are; the rest is written here.
+in their places whole, see `trials.folder`. Each of them says what its results are; the rest is written here.
 """
 
 from __future__ import annotations

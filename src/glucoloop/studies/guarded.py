@@ -6,13 +6,13 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Final, Literal, Self
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.effects import Need
 from glucoloop.component.setting import Default
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, Option
+from glucoloop.trials.trial import Trial
 
 _GUARD: Final = Need("controllers are tried without a guard alone")
 PAPER_CONTROLLERS: Final = ("imc", "mpc", "mpc-se", "nlqdmc-se")

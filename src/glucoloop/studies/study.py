@@ -3,11 +3,11 @@
 To add a study
 --------------
 1. ``studies/NAME/__init__.py`` declares it: what it asks for, a class of settings that usually extends a
-   `situations.run.Run` or a `cohorts.trial.Trial`, with other defaults where its own are usual, and one of the three
+   `situations.run.Run` or a `trials.trial.Trial`, with other defaults where its own are usual, and one of the three
    kinds below. It imports nothing heavy, since help is shown from it. Add a line to ``studies/catalogue.py``: the
    command is there.
 2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. What they are given (``config``) is
-   that class, complete and checked. Loops of people are closed by `cohorts.engine.loop_of`.
+   that class, complete and checked. Loops of people are closed by `trials.engine.loop_of`.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
 Every module has ``tables(config, results)``, which makes tables for the terminal, as by
@@ -28,7 +28,7 @@ By its kind it has
 - `PlainStudy`: it is carried out in one go by ``results_of(config, progress)``, where `progress` is called with a text
   for what was done or, in a study that counts units, with their number; ``amount(config)`` is that of all. A folder is
   written whole or not at all, with what was found, what was drawn and the configuration. Where ``holds`` or
-  ``complete`` is False among the findings, the exit code is 1; where ``interrupted`` is true, 130. Examples:
+  ``complete`` is False among the results, the exit code is 1; where ``interrupted`` is true, 130. Examples:
   ``studies/tuning``, and ``studies/verification``, which counts its loops and keeps nothing.
 
 What was found is a `storage.results.Results`: plain values, which are the summary and the JSON, and tables by the
@@ -101,6 +101,6 @@ class PlainStudy(Study):
     """A study that is carried out in one go."""
 
     unit: str = ""
-    """Name of the units that are counted while it works, also among its findings: ``"loops"``; none by default."""
+    """Name of the units that are counted while it works, also among its results: ``"loops"``; none by default."""
     keeps_files: bool = True
     """Whether it can write a folder, and read a configuration file."""

@@ -9,7 +9,7 @@ import pytest
 
 from glucoloop.control import Observation, Status, design_oref0
 from glucoloop.control.oref0.controller import Oref0Settings
-from glucoloop.control.oref0.iob import TICKS
+from glucoloop.control.oref0.inputs import TICKS
 from glucoloop.pumps import dose_limits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import Profile

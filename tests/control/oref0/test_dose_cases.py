@@ -8,9 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.control.oref0.dose import determine_basal
+from glucoloop.control.oref0.dose import determine_basal, round_basal
 from glucoloop.control.oref0.records import DosingProfile, GlucoseStatus, InsulinOnBoard, MealData, TempBasal
-from glucoloop.control.oref0.set_temp import round_basal
 
 PERSON = {
     "max_iob_U": 2.5,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from glucoloop.control.oref0.iob import SAMPLE_MIN, TICKS, insulin_curve, iob_total, treatments
+from glucoloop.control.oref0.inputs import SAMPLE_MIN, TICKS, insulin_curve, iob_total, treatments
 from oref0_package import answers_of, as_written, needs_oref0
 
 AHEAD = SAMPLE_MIN * np.arange(TICKS)

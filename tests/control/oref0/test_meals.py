@@ -5,9 +5,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.control.oref0.cob import DEVIATIONS, MEALS, bucketed, detect_carb_absorption, recent_carbs
-from glucoloop.control.oref0.glucose import READINGS, glucose_get_last
-from glucoloop.control.oref0.iob import SAMPLE_MIN, iob_total, treatments
+from glucoloop.control.oref0.inputs import (
+    DEVIATIONS,
+    MEALS,
+    READINGS,
+    SAMPLE_MIN,
+    bucketed,
+    detect_carb_absorption,
+    glucose_get_last,
+    iob_total,
+    recent_carbs,
+    treatments,
+)
 from glucoloop.control.oref0.records import DosingProfile
 from oref0_package import answers_of, as_written, needs_oref0
 

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.build.designs import controller_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, design_meal_mpc
 from glucoloop.estimation.unknown_meal import MealHabits, MovingHorizonSettings, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.expectation import expectation
 from glucoloop.estimation.unknown_meal.habits import daily_rates, earlier, parse_daily
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
 from glucoloop.situations.situation import configured
+from glucoloop.trials.trial import Trial
 
 NIGHT, DAY = 2 * 60.0, 12 * 60.0
 TABLE = "0.6@06:30 0.02@22:00"

@@ -1,17 +1,16 @@
 """oref0 0.7.1, the dosing of OpenAPS: temporary basal rates and microboluses by four forecasts of glucose.
 
-Each module is one file of the original, under its name there. Written anew from the published algorithm as equations
-on arrays; results are rounded wherever the original rounds.
+Written from the published algorithm as equations on arrays; results are rounded wherever the original rounds.
 
 ============ ================================================ ========================================================
 module       original                                         computes
 ============ ================================================ ========================================================
-`glucose`    ``glucose-get-last.js``                          the reading, and its change over 5, 15 and 40 min
-`iob`        ``iob/calculate.js``, ``total.js``, ``index.js`` insulin on board and its activity, now and for four hours
-`cob`        ``determine-basal/cob.js``, ``meal/total.js``    carbohydrate on board, from deviations
+`inputs`     ``glucose-get-last.js``                          the reading, and its change over 5, 15 and 40 min
+             ``iob/calculate.js``, ``total.js``, ``index.js`` insulin on board and its activity, now and for four hours
+             ``determine-basal/cob.js``, ``meal/total.js``    carbohydrate on board, from deviations
 `forecast`   ``determine-basal/determine-basal.js``, first    predicted glucose: IOB, COB, UAM and ZT
 `dose`       ``determine-basal/determine-basal.js``, second   the temporary basal rate and the microbolus
-`set_temp`   ``basal-set-temp.js``, ``round-basal.js``        limits of a temporary basal rate
+             ``basal-set-temp.js``, ``round-basal.js``        limits of a temporary basal rate
 `records`    the arguments of ``determine_basal``
 `controller`                                                  the controller of glucoloop that holds the histories
 ============ ================================================ ========================================================

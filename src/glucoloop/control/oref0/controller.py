@@ -14,15 +14,31 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.component.setting import About
-from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
-from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known
+from glucoloop.control.decision import (
+    MealsToCome,
+    announced_carbs,
+    bolus_since,
+    decide,
+    delivered_since,
+    hear,
+    is_known,
+    no_meals_to_come,
+)
 from glucoloop.control.design_case import DesignCase, check_rate
-from glucoloop.control.oref0.cob import DEVIATIONS, MEALS, bucketed, recent_carbs
 from glucoloop.control.oref0.dose import determine_basal
-from glucoloop.control.oref0.glucose import READINGS, glucose_get_last
-from glucoloop.control.oref0.iob import PEAKS_MIN, SAMPLE_MIN, iob_total, treatments
-from glucoloop.control.oref0.records import DosingProfile, TempBasal
-from glucoloop.control.oref0.rounding import whole
+from glucoloop.control.oref0.inputs import (
+    DEVIATIONS,
+    MEALS,
+    PEAKS_MIN,
+    READINGS,
+    SAMPLE_MIN,
+    bucketed,
+    glucose_get_last,
+    iob_total,
+    recent_carbs,
+    treatments,
+)
+from glucoloop.control.oref0.records import DosingProfile, TempBasal, whole
 from glucoloop.control.part import ByProfile, CarbRatio, CorrectionFactor
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
@@ -143,7 +159,7 @@ class Oref0Settings(ByProfile, name="oref0"):
 
 
 @pytree
-class Oref0State:
+class _Oref0State:
     """Histories, the newest first, and the temporary basal rate in force."""
 
     readings_mg_dl: jax.Array
@@ -206,7 +222,7 @@ class Oref0:
             "max_iob_U": profile.max_iob_U,
         }
 
-    def init(self, observation: Observation) -> Oref0State:
+    def init(self, observation: Observation) -> _Oref0State:
         """State after hours with this reading, the basal rate, no bolus and no meal."""
         zero = jnp.zeros_like(observation.delivered_mU_min)
         reading = self._reading(observation, jnp.broadcast_to(self.setpoint_mg_dl, zero.shape))
@@ -214,7 +230,7 @@ class Oref0:
         def row(count: int) -> jax.Array:
             return jnp.zeros((count, *zero.shape), zero.dtype)
 
-        return Oref0State(
+        return _Oref0State(
             readings_mg_dl=row(READINGS),
             glucose_mg_dl=row(DEVIATIONS + 1) + reading,
             activity_U_min=row(DEVIATIONS),
@@ -228,7 +244,7 @@ class Oref0:
             to_come=no_meals_to_come(observation),
         )
 
-    def step(self, state: Oref0State, observation: Observation) -> tuple[Oref0State, Decision]:
+    def step(self, state: _Oref0State, observation: Observation) -> tuple[_Oref0State, Decision]:
         """Take in what was read, given and announced, and dose."""
         known = is_known(observation)
         zero = jnp.zeros_like(state.gap)
@@ -266,7 +282,7 @@ class Oref0:
         wanted = jnp.where(temp.duration_min > 0.0, temp.rate_U_h * MU_MIN_PER_U_H, self.basal_mU_min)
         decision = decide(wanted, delivered_since(observation, state.requested_mU_min), self.limits, known)
         bolus = jnp.minimum(meal_mU + suggestion.units_U * MU_PER_U, self.bolus.max_mU)
-        after = Oref0State(
+        after = _Oref0State(
             readings_mg_dl=readings,
             glucose_mg_dl=glucose_mg_dl,
             activity_U_min=activity,
@@ -290,7 +306,7 @@ class Oref0:
         reading = jnp.clip(observation.glucose_mg_dl, _LOWEST_MG_DL, _HIGHEST_MG_DL)
         return jnp.where(is_known(observation), reading, otherwise)
 
-    def _given_U(self, state: Oref0State, observation: Observation) -> jax.Array:
+    def _given_U(self, state: _Oref0State, observation: Observation) -> jax.Array:
         """Insulin since the last sample beyond the basal rate, as the pump reports it where that is possible."""
         rate = delivered_since(observation, state.requested_mU_min)
         rate = jnp.clip(rate, self.limits.min_mU_min, self.limits.max_mU_min)

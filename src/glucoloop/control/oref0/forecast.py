@@ -17,8 +17,15 @@ from typing import Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
-from glucoloop.control.oref0.records import DosingProfile, GlucoseStatus, InsulinOnBoard, MealData
-from glucoloop.control.oref0.rounding import numbered, rounded, whole
+from glucoloop.control.oref0.records import (
+    DosingProfile,
+    GlucoseStatus,
+    InsulinOnBoard,
+    MealData,
+    numbered,
+    rounded,
+    whole,
+)
 
 _NONE: Final = 999.0
 """Least predicted glucose where there is none."""

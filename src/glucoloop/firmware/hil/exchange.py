@@ -74,7 +74,7 @@ class Exchange:
         self.answers: dict[int, bytes] = {}
         """Payload of the decision of each sample that was answered, also late."""
         self.sessions: list[int] = []
-        """Sample with which each session began; the controller starts anew with each."""
+        """Sample with which each session began; each initialises the controller again."""
         self.repeated = self.contradictions = 0
         """Numbers of frames that were sent again, and of decisions that differ from an earlier one on their sample."""
 
@@ -188,7 +188,7 @@ class Exchange:
         elif hello.session != self._session and self._fresh:
             self._send(Frame(Type.START, self._session, self.sessions[-1]))
         elif self._memory_in_question and hello.question == self._question:
-            # The chip has lost what it remembered: its controller can only start anew.
+            # The chip has lost its memory: its controller can only be initialised again.
             self._memory_in_question = False
             self._session = max(self._session, hello.session)
             self._observations = {current: self._observations[current]}

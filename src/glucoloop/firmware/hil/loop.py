@@ -58,7 +58,7 @@ class OnChip:
     late_boluses_mU: Sequence[float]
     """Boluses above 0 that were decided too late, and therefore not given."""
     sessions: Sequence[int]
-    """Samples with which the controller started anew."""
+    """Samples at which the controller was initialised again."""
     counts: dict[str, int]
     """Number of frames repeated and refused, and of each disturbance."""
     samples_per_s: float
@@ -185,7 +185,7 @@ def run_on_chip(
 
 
 def _without_a_chip(exported: Exported, observations: Sequence[Leaves], sessions: Sequence[int]) -> list[Leaves]:
-    """Decisions of the controller on the same observations without a chip, which starts anew with each session.
+    """Decisions of the controller on the same observations without a chip; each session initialises it again.
 
     They are those of its operations carried out in NumPy; in the compact form, which is slow there, those of its C on
     this computer if it has a compiler.

@@ -19,9 +19,6 @@ import polars as pl
 
 from glucoloop._pytree import pytree, static
 from glucoloop.build.surroundings import Surroundings, surroundings_of
-from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.engine import brought, loop_of, people_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller, Status
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
 from glucoloop.refusal import Refusal
@@ -31,6 +28,9 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.studies.adversary import Adversary
 from glucoloop.threefry import uniforms
+from glucoloop.trials.blocks import in_blocks
+from glucoloop.trials.engine import brought, loop_of, people_of
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.evolution import Evolution
 
 Array = npt.NDArray[Any]
@@ -296,12 +296,6 @@ def generations(
             best_score, best = float(score[most]), points[most]
         sampler.tell(score)
         yield _Generation(number=number, score=score, best_score=best_score, best=best)
-
-
-def _worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: Adversary) -> Worst:
-    """Search for the worst errors of a space for one person, see `Attack.person` and `generations`."""
-    *_, last = generations(judge_of(attack, who), space, effort)
-    return worst_of(attack, who, space, last)
 
 
 def judge_of(attack: Attack, who: VirtualPeople) -> Judge:

@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 
 from glucoloop.build.designs import controller_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
@@ -37,6 +36,7 @@ from glucoloop.studies.adversary.attack import (
 )
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.text import glucose_text
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.evolution import library
 
 if TYPE_CHECKING:

@@ -6,7 +6,6 @@ import dataclasses
 import functools
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
 from glucoloop.component.grammar import part_text
 from glucoloop.control.catalogue import ESTIMATING
@@ -18,6 +17,7 @@ from glucoloop.sensors import SensorPart, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
+from glucoloop.trials.trial import Trial
 
 if TYPE_CHECKING:
     from glucoloop.meals.plan import MealPlan

@@ -24,8 +24,6 @@ from glucoloop._pytree import pytree
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import surroundings_of
-from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.engine import fold_of, loop_of, people_of
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.meals.plan import draw_meals
@@ -34,6 +32,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import Case
 from glucoloop.studies.detection import Detection
+from glucoloop.trials.blocks import in_blocks
+from glucoloop.trials.engine import fold_of, loop_of, people_of
 from glucoloop.units import MIN_PER_DAY
 
 T = TypeVar("T")

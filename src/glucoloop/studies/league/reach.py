@@ -17,8 +17,6 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.bounds import IN_ADVANCE, LeastRiskDoses, least_risk_doses
-from glucoloop.cohorts.engine import person_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Scenario
 from glucoloop.metrics.readings import Readings
 from glucoloop.metrics.readings.catalogue import numbers_of
@@ -27,6 +25,8 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.report.columns import Column, Row, decimals, terse_percent, whole
 from glucoloop.studies.league.numbers import ALL, LINE, METRICS, difference, factors, signed
 from glucoloop.text import how_many
+from glucoloop.trials.engine import person_of
+from glucoloop.trials.trial import Trial
 
 START, ADVANCE = "start", "advance"
 KNOWN: Final = {START: 0.0, ADVANCE: IN_ADVANCE}

@@ -12,8 +12,6 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.setting import Default
 from glucoloop.patients.settings import NOMINAL
 from glucoloop.refusal import Refusal
@@ -31,11 +29,13 @@ from glucoloop.studies.league.numbers import (
     over_all_cells,
     ranking,
 )
-from glucoloop.studies.league.shown import columns_of
-from glucoloop.studies.league.shown import files_of as files_of
-from glucoloop.studies.league.shown import sentences as sentences
-from glucoloop.studies.league.shown import tables as tables
+from glucoloop.studies.league.report import columns_of
+from glucoloop.studies.league.report import files_of as files_of
+from glucoloop.studies.league.report import sentences as sentences
+from glucoloop.studies.league.report import tables as tables
 from glucoloop.text import how_many
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY
 
 _DESIGN_S: Final = 0.5

@@ -18,14 +18,13 @@ from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import Surroundings, surroundings_of
-from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.meals import Eaten
 from glucoloop.metrics import RunningMetrics
 from glucoloop.patients.capabilities import sites
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, terminal_table
-from glucoloop.report.days_figure import DaysShown, days_plot, plot_days
+from glucoloop.report.days_figure import DayTraces, days_plot, plot_days
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.simulation.closed_loop import sample_grid
@@ -37,6 +36,7 @@ from glucoloop.storage.results import Results
 from glucoloop.studies.replay import ReplayRequest
 from glucoloop.studies.twin.study import days_of
 from glucoloop.text import how_many
+from glucoloop.trials.blocks import block_size, in_blocks
 from glucoloop.twins import RecordedDays, ResidualSensor, Simulator, StoredTwin
 from glucoloop.twins.days import SAMPLE_MIN
 from glucoloop.twins.trajectory import WARM_UP_MIN
@@ -327,18 +327,18 @@ def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
     return {"page.html": page.encode(), **figure_files("figure", plot_days(days))}
 
 
-def _days_of_picture(replayed: _Replayed) -> DaysShown:
+def _days_of_picture(replayed: _Replayed) -> DayTraces:
     """The last days."""
     days = replayed.days
     begin = max(WARM_UP_MIN, days.length_min - _SHOWN_DAYS * MIN_PER_DAY)
     t_min = replayed.arms[0].t_min
     chosen = t_min >= begin
     bands = {arm.name: np.percentile(arm.glucose_mg_dl[:, chosen], (5.0, 95.0), axis=0) for arm in replayed.arms}
-    return DaysShown(
+    return DayTraces(
         first=days.first,
         t_min=t_min[chosen],
         reading_mg_dl=np.interp(t_min[chosen], days.reading_min, days.reading_mg_dl),
-        course_mg_dl={arm.name: arm.glucose_mg_dl[0, chosen] for arm in replayed.arms},
+        trajectory_mg_dl={arm.name: arm.glucose_mg_dl[0, chosen] for arm in replayed.arms},
         band_mg_dl={name: (low, high) for name, (low, high) in bands.items()},
         meals=days.meals_from(begin),
     )

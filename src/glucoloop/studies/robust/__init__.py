@@ -7,7 +7,6 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.effects import Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.number_text import number_of
@@ -23,6 +22,7 @@ from glucoloop.situations.ranges import RANGES as RANGES_KEY
 from glucoloop.situations.ranges import ranges_parted, with_ranges
 from glucoloop.studies.guarded import PAPER_MEAL
 from glucoloop.studies.study import SearchStudy
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.samplers import SAMPLERS, SamplerPart
 
 BOTH: Final = "both"

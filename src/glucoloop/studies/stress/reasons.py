@@ -8,10 +8,10 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.cohorts.engine import PreparedTrial, alone
 from glucoloop.control import Status
 from glucoloop.report.periods import period_text
 from glucoloop.text import glucose_text, how_many
+from glucoloop.trials.engine import PreparedTrial, alone
 
 _LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0

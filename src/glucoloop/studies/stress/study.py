@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from glucoloop.cohorts.engine import prepare
-from glucoloop.cohorts.trial import Trial
 from glucoloop.faults import FAULTS
 from glucoloop.report import Repeat
 from glucoloop.report.columns import (
@@ -33,12 +31,14 @@ from glucoloop.report.template import render
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
-from glucoloop.storage.trials.folder import TrialFolder
-from glucoloop.storage.trials.shard import people_table
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.studies.stress import StressTest
 from glucoloop.studies.stress.reasons import reason_of
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent, the_first
+from glucoloop.trials.engine import prepare
+from glucoloop.trials.folder import TrialFolder
+from glucoloop.trials.shard import people_table
+from glucoloop.trials.trial import Trial
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

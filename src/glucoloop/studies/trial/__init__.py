@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from glucoloop.cohorts.trial import Trial
 from glucoloop.studies.study import COMPONENTS_HELP, TrialStudy
+from glucoloop.trials.trial import Trial
 
 TRIAL: Final = TrialStudy(
     name="trial",

@@ -8,12 +8,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts, times_pct
-from glucoloop.cohorts.summary import TrialSummary, summarise_people
-from glucoloop.cohorts.trial import Trial
+from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.metrics.settings import result_named
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.report.descriptions import (
@@ -27,9 +23,13 @@ from glucoloop.report.print_figure import figure_files
 from glucoloop.report.trial_report import ranges_pct
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
-from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
-from glucoloop.storage.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
+from glucoloop.trials import engine
+from glucoloop.trials.folder import BANDS, REPORT, TrialFolder
+from glucoloop.trials.quantiles import BAND_QUANTILES, quantiles_of_counts, times_pct
+from glucoloop.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
+from glucoloop.trials.summary import TrialSummary, summarise_people
+from glucoloop.trials.trial import Trial
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""

@@ -25,12 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.build.designs import controller_of, with_guard
-from glucoloop.build.faulty import put_around
 from glucoloop.build.random_keys import keys_of_people
-from glucoloop.build.surroundings import Surroundings
-from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.cohorts.engine import loop_of
-from glucoloop.cohorts.trial import Trial
+from glucoloop.build.surroundings import Surroundings, put_around
 from glucoloop.component.setting import Value
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
@@ -55,6 +51,9 @@ from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.verification import SAMPLE_MIN, Verification
 from glucoloop.therapy import Profile
 from glucoloop.threefry import uniforms
+from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.engine import loop_of
+from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY
 
 Floats = npt.NDArray[np.float64]

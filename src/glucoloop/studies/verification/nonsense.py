@@ -17,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree
-from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller, Decision, Observation, guarded
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.control.protocol import gives_boluses
@@ -27,6 +26,7 @@ from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification
 from glucoloop.studies.verification.campaign import LISTED, Floats, Numbers, Progress, catalogue_controller
 from glucoloop.threefry import uniforms
+from glucoloop.trials.blocks import block_size, in_blocks
 
 _BOLUS_OF_RATE_MIN: Final = 60.0
 """A bolus that is requested or reported at will is an hour of the rate that is."""

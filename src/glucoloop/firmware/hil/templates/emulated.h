@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-/* Each board writes these three for its way to reach files, and to be started anew. */
+/* Each board writes these three for its way to reach files, and to be started again. */
 void file_read(uint32_t offset, uint8_t bytes[], uint32_t size);
 void file_write(uint32_t offset, const uint8_t bytes[], uint32_t size);
 void power_fails(void);

@@ -22,8 +22,8 @@
 
 /* How the process of the chip ends. */
 #define LEFT 0        /* the other side has gone */
-#define POWER_FAILS 2 /* it is started anew */
-#define WATCHDOG 3    /* it is started anew */
+#define POWER_FAILS 2 /* it is started again */
+#define WATCHDOG 3    /* it is started again */
 #define NO_FILE 4
 #define NO_PROCESS 5
 
@@ -58,7 +58,7 @@ void file_write(uint32_t offset, const uint8_t bytes[], uint32_t size)
 }
 
 /* Whether the switch asks for a reset; ends all if there is nobody at it any more. The words are those of QEMU. */
-static bool asked_for_reset(pid_t chip)
+static bool reset_requested(pid_t chip)
 {
   char words[256];
   const ssize_t got = read(SWITCH, words, sizeof(words) - 1U);
@@ -72,16 +72,16 @@ static bool asked_for_reset(pid_t chip)
   return strstr(words, "system_reset") != NULL;
 }
 
-/* Start the chip as a process, and anew when its power is cut at the switch or fails, or when its watchdog resets it.
+/* Start the chip as a process, and again when its power is cut at the switch or fails, or when its watchdog resets it.
  * Only the process of the chip returns from here. */
 static void supply(void)
 {
   static const char done[] = "{\"event\": \"RESET\", \"data\": {\"reason\": \"host-qmp-system-reset\"}}\n";
-  bool told = true;
+  bool reported = true;
   for (;;)
   {
     int life[2]; /* a pipe that closes when the chip ends */
-    bool asked = false;
+    bool reset = false;
     int status = 0;
     pid_t chip;
     struct pollfd ends[2] = {{SWITCH, POLLIN, 0}, {0, POLLIN, 0}};
@@ -101,20 +101,20 @@ static void supply(void)
       return;
     }
     (void)close(life[1]);
-    if (!told)
+    if (!reported)
     {
-      told = write(SWITCH, done, sizeof(done) - 1U) > 0;
+      reported = write(SWITCH, done, sizeof(done) - 1U) > 0;
     }
     ends[1].fd = life[0];
-    while ((!asked) && (ends[1].revents == 0))
+    while ((!reset) && (ends[1].revents == 0))
     {
       (void)poll(ends, 2, -1);
-      asked = (ends[0].revents != 0) && asked_for_reset(chip);
+      reset = (ends[0].revents != 0) && reset_requested(chip);
     }
     (void)kill(chip, SIGKILL);
     (void)waitpid(chip, &status, 0);
     (void)close(life[0]);
-    told = !asked;
+    reported = !reset;
     if (WIFEXITED(status) && (WEXITSTATUS(status) != POWER_FAILS) && (WEXITSTATUS(status) != WATCHDOG))
     {
       _exit(WEXITSTATUS(status));

@@ -92,8 +92,8 @@ class LastClamp:
     """Field of the decision."""
     delivered: str
     """Field of the observation: the rate so far."""
-    least: float
-    most: float
+    minimum: float
+    maximum: float
     change: float
     """Largest change from a delivered rate that is within the bounds, with all rounding of the step."""
     bolus: tuple[str, float] | None = None
@@ -102,7 +102,7 @@ class LastClamp:
     def lines(self, format: Format) -> list[str]:
         """Last statements of the step."""
         place = f"decision->{self.rate}"
-        doses = [(place, f"gl_limited({place}, observation->{self.delivered})", self.least)]
+        doses = [(place, f"gl_limited({place}, observation->{self.delivered})", self.minimum)]
         if self.bolus is not None:
             name, largest = self.bolus
             place = f"decision->{name}"
@@ -110,16 +110,16 @@ class LastClamp:
         # Frama-C concludes that a number is one from x == x alone, not from a comparison with a bound.
         return [
             line
-            for place, bounded, least in doses
+            for place, bounded, minimum in doses
             for line in (
                 f"{place} = {bounded};",
-                f"{place} = ({place} == {place}) ? {place} : {format.literal(least)};",
+                f"{place} = ({place} == {place}) ? {place} : {format.literal(minimum)};",
             )
         ]
 
     def function(self, format: Format) -> list[str]:
         """Definition of the function that is called."""
-        real, low, high, change = format.type, *map(format.literal, (self.least, self.most, self.change))
+        real, low, high, change = format.type, *map(format.literal, (self.minimum, self.maximum, self.change))
         lines = [
             "/* The rate within the limits of the pump, which the step keeps: once more, so that it can be proved. */",
             f"static {real} gl_limited({real} rate, {real} delivered)",

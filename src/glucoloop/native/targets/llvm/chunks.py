@@ -1,7 +1,7 @@
 """Division of a long program into chunks that fit a processor's instruction cache.
 
 A sample of a patient and a controller is several thousand instructions. Where the cache cannot hold them, fetching them
-anew for every vector of people would take most of the time. So they are cut into chunks, and several vectors go through
+again for every vector of people would take most of the time. They are cut into chunks, and several vectors go through
 each chunk in turn; what a later chunk needs waits in a slot of memory, which is given to another value afterwards.
 A program that fits goes through its chunks one vector at a time; the cuts then spare the compiler blocks that are too
 long for it. A loop has chunks of its own, and memory for what passes into its rounds, between them and out of them.

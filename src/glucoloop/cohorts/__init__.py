@@ -1,1 +1,0 @@
-"""Cohorts: virtual people under controllers, and their results."""

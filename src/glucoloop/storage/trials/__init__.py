@@ -1,1 +1,0 @@
-"""Folder of a trial: shards that appear complete, their results, and queries to them."""

@@ -1,0 +1,1 @@
+"""Trials: virtual people under controllers, and the folder of their results."""

@@ -1,0 +1,164 @@
+"""Computation of the shards of a trial, in this process or on a Dask cluster.
+
+On a cluster a shard is a task, and its files come back as bytes. Workers need the same version of glucoloop, but no
+shared disk with this process, which alone writes to the folder. A task of a worker that dies is given to another one.
+The results of a person do not depend on the machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import itertools
+import logging
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Final
+
+import glucoloop
+from glucoloop import arithmetic
+from glucoloop._extras import needed_for
+from glucoloop.refusal import Refusal
+from glucoloop.text import one_line
+from glucoloop.trials.folder import TrialFolder
+from glucoloop.trials.shard import Simulate, compute_shard
+from glucoloop.trials.trial import Trial
+
+LOCAL: Final = "local"
+_RETRIES: Final = 3
+"""Number of times that Dask tries a shard again before the trial stops."""
+_IN_FLIGHT_PER_THREAD: Final = 2
+_MIN_IN_FLIGHT: Final = 4
+_CONNECT_S: Final = 30
+_designing = threading.Lock()
+
+
+def run_here(folder: TrialFolder, simulate: Simulate) -> None:
+    """Compute the shards that are missing in this process, and write each while the next is computed.
+
+    A ValueError tells that one cannot be written.
+    """
+    with ThreadPoolExecutor(1, thread_name_prefix="writer") as writer:
+        writing: Future[None] | None = None
+        for index in folder.missing():
+            files = compute_shard(folder.trial, index, simulate)
+            if writing is not None:
+                writing.result()  # one at a time, so that what waits does not pile up
+            writing = writer.submit(folder.put, index, files)
+        if writing is not None:
+            writing.result()
+
+
+def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
+    """The files of a shard, computed by a worker.
+
+    `version` and `identity` are those of glucoloop and of the arithmetic in the process that owns the folder; a
+    ValueError tells that the worker has others, and would compute other bits.
+    """
+    from glucoloop.trials import engine
+
+    if glucoloop.__version__ != version:
+        raise Refusal(
+            f"a worker has glucoloop {glucoloop.__version__}, and this is {version}; "
+            "install the same on all workers and run the same command again"
+        )
+    other = arithmetic.difference(identity, arithmetic.identity())
+    if other is not None:
+        name, ours, theirs = other
+        raise Refusal(
+            f"a worker has {name} {theirs}, and here it is {ours}, which does not give the same bits; "
+            "have workers of one kind, with the same libraries and settings, and run the same command again"
+        )
+    with _designing:  # kept by the process, and made once even where it has several threads
+        prepared = engine.prepare(trial)
+    return compute_shard(
+        trial,
+        index,
+        lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=1),
+    )
+
+
+@contextlib.contextmanager
+def connected(address: str, workers: int | None = None) -> Iterator[Any]:
+    """A client of the scheduler at an address, or of one of this machine's own.
+
+    The address is like ``tcp://10.0.0.1:8786``, or ``"local"`` to start `workers` processes on this machine, one for
+    each core by default. A ValueError tells that Dask is not installed, or that no scheduler answers.
+    """
+    distributed = library()
+    options: dict[str, Any] = {"address": address}
+    if address == LOCAL:
+        options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+        options["silence_logs"] = logging.ERROR
+    elif workers is not None:
+        raise Refusal("the number of workers is the cluster's own; leave it out")
+    logger = logging.getLogger("distributed.client")
+    with contextlib.ExitStack() as stack:
+        stack.callback(logger.setLevel, logger.level)
+        logger.setLevel(logging.CRITICAL)  # it would print a traceback of a lost scheduler, which the error tells
+        try:
+            with _ignoring_interrupts() if address == LOCAL else contextlib.nullcontext():
+                client = distributed.Client(**options, timeout=_CONNECT_S, set_as_default=False)
+            stack.enter_context(client)
+        except (OSError, ValueError) as error:
+            raise Refusal(
+                f"no Dask scheduler answers at {address} ({one_line(error)}); "
+                "start one, or give its address like tcp://10.0.0.1:8786"
+            ) from None
+        yield client
+
+
+def library() -> Any:
+    """The library of clusters; a `MissingExtraError` tells that it is not installed, before a trial is designed."""
+    with needed_for("a cluster"):
+        return importlib.import_module("distributed")  # untyped
+
+
+@contextlib.contextmanager
+def _ignoring_interrupts() -> Iterator[None]:
+    """Start processes in the block that Ctrl-C does not reach; this process stops them itself."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def run_on_cluster(folder: TrialFolder, client: Any, progress: Callable[[int], None]) -> None:
+    """Compute the missing shards on the workers of a cluster, and put them into the folder as they arrive.
+
+    `progress` is called with the number of people simulated since the last call, under each controller.
+    A ValueError tells that a shard fails repeatedly, or cannot be written; finished shards stay.
+    """
+    trial, identity = folder.trial, arithmetic.identity()
+    waiting = iter(folder.missing())
+    running: dict[Any, int] = {}
+    """Number of the shard of each future."""
+    completed = library().as_completed(loop=client.loop)
+
+    def fill() -> None:
+        most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values()))
+        for index in itertools.islice(waiting, max(0, most - len(running))):
+            work = shard_on_worker, trial, index, glucoloop.__version__, identity
+            future = client.submit(*work, pure=False, retries=_RETRIES)
+            running[future] = index
+            completed.add(future)
+
+    fill()
+    for future in completed:
+        index = running.pop(future)
+        error = future.exception()
+        if error is not None:
+            raise Refusal(
+                f"shard {index} failed on the cluster: {one_line(error)}; "
+                f"{folder.done} of {trial.shards} shards are done and kept, run the same command again to go on"
+            )
+        folder.put(index, future.result())
+        progress(trial.shard(index).size * len(trial.cases))
+        future.release()
+        fill()

@@ -1,0 +1,259 @@
+"""Folder of a trial: its shards appear complete, one after the other, and an interrupted run resumes.
+
+Existing shards are never computed again, and never changed. The record of each, ``shard.json``, names its trial, its
+people and its arithmetic, so that no shard is taken for another; other files are refused. At the end the list of
+digests appears, which marks a trial as finished.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import polars as pl
+
+from glucoloop import arithmetic
+from glucoloop.refusal import Refusal
+from glucoloop.schema.values import ValueBounds
+from glucoloop.storage import disk
+from glucoloop.storage.disk import SUMS
+from glucoloop.storage.files import json_text, stored_json
+from glucoloop.storage.origin import Origin
+from glucoloop.storage.resumable import ResumableFolder, Work, opened
+from glucoloop.trials.people import Shard
+from glucoloop.trials.shard import FILES, bounds, read_people
+from glucoloop.trials.trial import FORMAT, Trial, fingerprint
+
+RECORD: Final = "trial.json"
+SHARDS: Final = "shards"
+SHARD: Final = "shard.json"
+SUMMARY: Final = "summary.json"
+BANDS: Final = "bands.parquet"
+REPORT: Final = "report.html"
+FINAL: Final = (BANDS, "figure.pdf", "figure.png", "figure.svg", REPORT, "tables.tex", SUMMARY)
+"""Files that are written when all shards are done."""
+_NUMBER: Final = re.compile("[0-9]{5}|[1-9][0-9]{5,18}")
+"""Name of the folder of a shard."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialOrigin(Origin):
+    """Origin of the shards in a folder."""
+
+    format: str = "glucoloop-trial 6"
+    fingerprint: str
+    people: Annotated[int, ValueBounds(at_least=1)]
+    shards: Annotated[int, ValueBounds(at_least=1)]
+    polars: str = pl.__version__
+    """Version of the library that writes tables, and computes nothing."""
+
+    @classmethod
+    def of(cls, trial: Trial) -> TrialOrigin:
+        """Origin of a trial that begins now."""
+        keys = trial.tree(whole=True)
+        return cls.current(keys, fingerprint=fingerprint(trial), people=trial.people, shards=trial.shards)
+
+    @classmethod
+    def of_folder(cls, folder: Path) -> TrialOrigin:
+        """Origin of the shards in a folder; ValueError if there is none, or glucoloop did not write it."""
+        if not folder.is_dir():
+            raise Refusal(f"{folder} is not a folder; give the folder that `glucoloop trial --out` wrote")
+        if not disk.is_file(folder / RECORD):
+            raise Refusal(
+                f"{folder} holds no trial, for there is no {RECORD}; give a folder that glucoloop trial wrote"
+            )
+        return cls.read(folder / RECORD)
+
+    @property
+    def libraries(self) -> dict[str, str]:
+        """Versions of the libraries that compute and that write tables."""
+        return {**{name: self.arithmetic[name] for name in arithmetic.LIBRARIES}, "polars": self.polars}
+
+    def of_shard(self, index: int) -> dict[str, Any]:
+        """Part of the record of a shard that ties it to its place."""
+        return {
+            "format": "glucoloop-shard",
+            "format_version": FORMAT,
+            "fingerprint": self.fingerprint,
+            "arithmetic": arithmetic.digest(self.arithmetic),
+            "index": index,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ShardRecord:
+    """Record of a shard, as ``shard.json`` holds it."""
+
+    format: str
+    format_version: int
+    fingerprint: str
+    arithmetic: str
+    index: int
+    first_person: int
+    people: int
+    rows: dict[str, int]
+    """Number of rows of each of its tables."""
+
+
+class TrialFolder(ResumableFolder):
+    """The folder of a trial that this process may write to; see `trial_folder`."""
+
+    record = RECORD
+    in_parts = True
+    origin: TrialOrigin
+    recorded: TrialOrigin
+
+    def __init__(self, path: Path, trial: Trial, work: Work) -> None:
+        self.trial = trial
+        super().__init__(path, work, TrialOrigin.of(trial), results=SHARDS, wanted=trial.shards, unit="shards")
+        self._sums: dict[int, dict[str, str]] = {}
+        """Digests of the files of each shard that is done."""
+
+    @property
+    def done(self) -> int:
+        """Number of shards that are done."""
+        return len(self._sums)
+
+    def missing(self) -> list[int]:
+        """Numbers of the shards that are not done."""
+        return [index for index in range(self.trial.shards) if index not in self._sums]
+
+    def people_done(self) -> int:
+        """Number of people in the finished shards."""
+        return sum(self.trial.shard(index).size for index in self._sums)
+
+    def shard(self, index: int) -> Path:
+        """Path of a shard."""
+        return _shard_path(self.path, index)
+
+    def put(self, index: int, files: Mapping[str, bytes]) -> None:
+        """Put a shard in its place; ValueError if these are not its files, or they cannot be written."""
+        expected, rows = bounds(self.trial, index), {}
+        if files.keys() != expected.keys():
+            raise Refusal(f"shard {index} has the files {', '.join(files)}, and not {', '.join(expected)}")
+        for name, of_file in sorted(expected.items()):
+            try:
+                rows[name] = of_file.check(files[name])
+            except ValueError as error:
+                raise Refusal(f"{name} of shard {index} is not as it must be: {error}") from None
+        person = self.trial.shard(index)
+        place = self.origin.of_shard(index)
+        record = _ShardRecord(**place, first_person=int(person[0]), people=int(person.size), rows=rows)
+        with self.unwritten(f"shard {index}"):
+            disk.put_folder(self.shard(index), {**files, SHARD: f"{json_text(vars(record))}\n".encode()})
+        self._sums[index] = disk.read_sums(self.shard(index))
+
+    def people(self) -> Iterator[Shard]:
+        """People of the finished shards, in order, one shard at a time."""
+        for index in sorted(self._sums):
+            yield read_people(self.shard(index), self.trial, index)
+
+    def write_pending(self) -> None:
+        """Do nothing, since a shard is written as it is put."""
+
+    def _read_done(self) -> None:
+        earlier, now = self.recorded, self.origin
+        if earlier.polars != now.polars:
+            difference = f"{self.path} was begun with polars {earlier.polars}, and this is {now.polars}"
+            self.notes = (f"{difference}; tables hold the same, in other bytes.",)
+        if any(getattr(earlier, name) != getattr(now, name) for name in ("fingerprint", "people", "shards")):
+            raise Refusal(
+                f"{self.path / RECORD} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
+            )
+        self._sums = _whole_shards(self.path, earlier)
+
+    def _part_digests(self) -> dict[str, str]:
+        return {
+            f"{SHARDS}/{self.shard(index).name}/{name}": value
+            for index, sums in self._sums.items()
+            for name, value in sums.items()
+        }
+
+    def clear(self) -> None:
+        """Remove earlier work, unless there is a foreign file beside the shards of a trial, or in one of them."""
+        _refuse_foreign(self.path)
+        super().clear()
+
+
+def trial_folder(
+    path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None
+) -> AbstractContextManager[TrialFolder]:
+    """Open the folder of a trial, new or begun, for writing; see `opened`.
+
+    The shards are computed for a work, that of ``glucoloop trial`` by default.
+    """
+    if work is None:
+        work = Work(command="trial", what="trial", keys=trial.tree(whole=True), given=trial.tree(), final=FINAL)
+    return opened(TrialFolder(path, trial, work), overwrite=overwrite)
+
+
+def done_shards(folder: Path, origin: TrialOrigin) -> list[Path]:
+    """Paths of the finished shards of a trial, in order; ValueError if one is damaged, or belongs to another trial."""
+    return [_shard_path(folder, index) for index in _whole_shards(folder, origin)]
+
+
+def final_files(folder: Path) -> list[str]:
+    """Names of the existing bands and summary of a trial; ValueError if one differs from the list of digests."""
+    sums = disk.read_sums(folder)
+    listed: list[str] = [name for name in (BANDS, SUMMARY) if name in sums]
+    for name in listed:
+        if disk.digest(folder / name) != sums[name]:
+            raise Refusal(
+                f"{folder / name} is gone or was changed since glucoloop wrote it; "
+                f"move it away and run the command that made {folder} again"
+            )
+    return listed
+
+
+def _shard_path(folder: Path, index: int) -> Path:
+    return folder / SHARDS / f"{index:05d}"
+
+
+def _whole_shards(folder: Path, origin: TrialOrigin) -> dict[int, dict[str, str]]:
+    """Digests of the files of each finished shard, in order; ValueError if one is damaged, or of another trial."""
+    _refuse_foreign(folder, origin.shards)
+    indices = (int(name) for name in disk.names(folder / SHARDS) if not disk.is_part(name))
+    return {index: _whole_shard(folder, origin, index) for index in sorted(indices)}
+
+
+def _whole_shard(folder: Path, origin: TrialOrigin, index: int) -> dict[str, str]:
+    place = _shard_path(folder, index)
+    shard, mend = f"shard {place.name} of {folder}", f"delete {place} and run the same command again"
+    try:
+        sums = disk.read_sums(place)
+        digests = {name: disk.digest(place / name) for name in disk.names(place) if name != SUMS}
+    except ValueError as error:
+        raise Refusal(f"{shard} is damaged: {str(error).partition(';')[0]}; {mend}") from None
+    if sums != digests or SHARD not in sums:
+        changed = next((name for name in sums if digests.get(name) != sums[name]), SUMS)
+        raise Refusal(f"{shard} is damaged: {changed} is not as it was written; {mend}")
+    record = stored_json(place / SHARD, mend, _ShardRecord)
+    for name, value in origin.of_shard(index).items():
+        if getattr(record, name) != value:
+            raise Refusal(
+                f"{shard} belongs to something else: its {name} is {getattr(record, name)}, and that of its place is "
+                f"{value}; {mend}"
+            )
+    if {SHARD, *record.rows} != digests.keys():
+        raise Refusal(f"{shard} is damaged: {SHARD} does not list its files; {mend}")
+    return sums
+
+
+def _refuse_foreign(folder: Path, shards: float = math.inf) -> None:
+    """Refuse any name that is neither a shard, out of so many or of any, nor a file of a shard."""
+    known = (*FILES, SHARD, SUMS)
+    for name in disk.names(folder / SHARDS):
+        if disk.is_part(name):
+            continue
+        of_shard = _NUMBER.fullmatch(name) is not None and int(name) < shards
+        foreign = [f"/{file}" for file in disk.names(folder / SHARDS / name) if file not in known] if of_shard else [""]
+        if foreign:
+            raise Refusal(
+                f"{folder} holds {SHARDS}/{name}{foreign[0]}, which is no part of a trial; "
+                "move that away, or choose another folder with --out"
+            )
