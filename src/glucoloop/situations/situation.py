@@ -252,8 +252,8 @@ class Situation(Part):
             )
         if self.profile_by == "titration" and not self.patient.subcutaneous:
             raise Refusal(
-                f"{self.patient.called} gets insulin into a vein, where a bolus acts for minutes and no carbohydrate "
-                "ratio is right; leave profile_by out, or choose a patient with insulin under the skin"
+                f"{self.patient.called} gets intravenous insulin, where a bolus acts for minutes and no carbohydrate "
+                "ratio is right; leave profile_by out, or choose a patient with subcutaneous insulin"
             )
         meal_model_of(self.nominal, self.gut)
         refuse_minute_inputs(

@@ -191,7 +191,7 @@ def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Itera
 
 
 def _notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
-    """Note on rhythms, and the basal rate in the unit of pumps, where insulin is given under the skin."""
+    """Note on rhythms, and the basal rate in the unit of pumps, where insulin is given subcutaneously."""
     yield from steady_without_rhythm(situation)
     if situation.patient.subcutaneous:
         basal = float(situation.nominal.basal_insulin_mU_min)
