@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.metrics.settings import result_named
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.report.descriptions import (
