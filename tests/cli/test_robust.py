@@ -13,7 +13,8 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import read_toml
 from glucoloop.studies.robust import RANGES, Search
-from glucoloop.studies.robust.search import METRICS, NO_SCORES
+from glucoloop.studies.robust.search import NO_SCORES
+from glucoloop.studies.robust.tuning_loop import METRICS
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {
@@ -57,7 +58,7 @@ class ClosedForm:
 
 @pytest.fixture(autouse=True)
 def _closed_form(monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.robust.search._TuningLoop", ClosedForm)
+    monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
 
 
 @pytest.mark.long

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from glucoloop._pytree import pytree
 from glucoloop.control import MealTuning, Observation, Status, design_meal_mpc
-from glucoloop.control.meal_mpc import _variance_told
+from glucoloop.control.meal_mpc import _measurement_variance
 from glucoloop.estimation.unknown_meal import KalmanSettings, MealHabits, MovingHorizonSettings
 from glucoloop.meals import Scenario
 from glucoloop.patients import patient
@@ -278,4 +278,4 @@ def test_a_tuning_that_is_not_possible_is_refused(bad, words):
     ],
 )
 def test_noise_beyond_a_bound_is_left_to_an_estimator_that_learns_it(estimator, told, expected):
-    assert _variance_told(told, estimator) == expected
+    assert _measurement_variance(told, estimator) == expected

@@ -3,7 +3,7 @@
 import pytest
 
 from glucoloop.studies.league import League
-from glucoloop.studies.league.shown import _plot_league, files_of
+from glucoloop.studies.league.report import _plot_league, files_of
 
 
 def test_the_page_says_who_is_best_who_is_harmed_and_who_takes_no_part(league_page, reader):

@@ -13,7 +13,7 @@ from glucoloop.control import Status
 from glucoloop.sensors import erring
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
-from glucoloop.studies.adversary.attack import Attack, ErrorSpace, _worst_errors, random_errors
+from glucoloop.studies.adversary.attack import Attack, ErrorSpace, generations, judge_of, random_errors, worst_of
 from glucoloop.studies.adversary.study import loops
 from glucoloop.trials.engine import prepare, run_people
 
@@ -85,7 +85,9 @@ def test_a_sequence_does_the_same_whichever_others_are_tried_beside_it(attack, s
 
 
 def test_the_worst_found_is_as_harmful_as_the_search_was_told(attack, space):
-    worst = _worst_errors(attack, attack.person(3), space, ASKED)
+    who = attack.person(3)
+    *_, last = generations(judge_of(attack, who), space, ASKED)
+    worst = worst_of(attack, who, space, last)
     assert np.abs(worst.errors).max() <= 0.3
     assert worst.sequences == 32
     fresh = attack.harm(attack.person(3), worst.errors[:, None], worst.stuck_from[:, None])

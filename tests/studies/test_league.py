@@ -23,7 +23,7 @@ from glucoloop.studies.league.numbers import (
     over_all_cells,
     ranking,
 )
-from glucoloop.studies.league.shown import page, sentences
+from glucoloop.studies.league.report import page, sentences
 from glucoloop.studies.league.study import _LeagueSearch, _lines_of, _shards_of, rows
 from glucoloop.trials import engine
 

@@ -16,8 +16,9 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.situations.situation import configured
 from glucoloop.studies.robust import RANGES, Search
-from glucoloop.studies.robust.search import METRICS, SearchEngine, _draw_subjects, _tuning_of, _TuningLoop
+from glucoloop.studies.robust.search import SearchEngine, _tuning_of
 from glucoloop.studies.robust.study import notes
+from glucoloop.studies.robust.tuning_loop import METRICS, TuningLoop, draw_subjects
 from glucoloop.trials import blocks
 from glucoloop.trials.trial import Trial
 
@@ -77,12 +78,12 @@ def trial():
 
 @pytest.fixture(scope="module")
 def subjects(trial):
-    return _draw_subjects(trial, 3, 7, seeds=2, first_seed=100)
+    return draw_subjects(trial, 3, 7, seeds=2, first_seed=100)
 
 
 @pytest.fixture(scope="module")
 def loop(trial, subjects):
-    return _TuningLoop(trial, trial.cases[0], SPACE, subjects)
+    return TuningLoop(trial, trial.cases[0], SPACE, subjects)
 
 
 @pytest.mark.long
@@ -129,7 +130,7 @@ class ClosedForm:
 
 
 def test_a_search_goes_on_to_the_same_candidates(monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.robust.search._TuningLoop", ClosedForm)
+    monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
     search = configured(
         Search, controller={"name": "meal-mpc", **FIXED, "move_weight": "0.1:20"}, duration_min=MINUTES, people=2,
         people_seed=1, seeds=2, first_seed=0, check_people=2, check_people_seed=2, check_seeds=2, batch=4,

@@ -58,11 +58,11 @@ Known = Callable[[VirtualPeople], tuple[Floats, Floats]]
 
 _BY_FILTER: Final = ("held-innovation", "none")
 """Ways of removing an offset in MPC/SE without a further state."""
-SHARE_OF_BASAL: Final = 0.25
+_SHARE_OF_BASAL: Final = 0.25
 """Amplitude of the pulses in basal rates. Larger ones leave the range in which the nominal response may be scaled."""
-PACE_MIN: Final = 180.0
+_PACE_MIN: Final = 180.0
 """Time from one pulse to the next, the paper's memory."""
-HOLD_MIN: Final = 30.0
+_HOLD_MIN: Final = 30.0
 """Length of a pulse. With pulses of a single sample, as in the paper, the small response would be lost in noise."""
 _MIN_VARIANCE: Final = 0.01
 _DOUBLINGS: Final = 12
@@ -258,7 +258,7 @@ def individual_meal_mpc(situation: Situation, case: Case, example: VirtualPeople
 
 def pulses(sample_time_min: float) -> Floats:
     """Pulses of the record ``(samples,)``, of height 1: up and then down, each held for half an hour."""
-    pace, window = (max(1, round(minutes / sample_time_min)) for minutes in (PACE_MIN, HOLD_MIN))
+    pace, window = (max(1, round(minutes / sample_time_min)) for minutes in (_PACE_MIN, _HOLD_MIN))
     starts = np.asarray(design_csrs(pace, 1.0))
     return np.convolve(starts, np.ones(window))[: starts.size]
 
@@ -272,7 +272,7 @@ def by_record(situation: Situation, example: VirtualPeople, sensor_lag_min: floa
 
     def known(people: VirtualPeople) -> tuple[Floats, Floats]:
         basal = people.basal_insulin_mU_min
-        away = SHARE_OF_BASAL * basal * shape[:, None]
+        away = _SHARE_OF_BASAL * basal * shape[:, None]
         glucose = read(people, basal + away)
         # somebody without a basal rate has no record, and is taken for the nominal person
         result = identify_gain_and_lag(

@@ -51,8 +51,8 @@ MEAL_G: Final = 50.0
 ACTION_MIN: Final = 300.0
 """Time after which the action of a bolus has ended, as the usual insulin on board has it."""
 SAMPLE_TIME_MIN: Final = 5.0
-MIN_U: Final = 0.25
-MAX_U: Final = 50.0
+_MIN_U: Final = 0.25
+_MAX_U: Final = 50.0
 _HALVINGS: Final = 16
 _UNLIMITED: Final = 1e9
 _STEP_MU: Final = 1e-6
@@ -217,7 +217,7 @@ class Titration:
             higher: npt.NDArray[np.bool_] = glucose[-1] > glucose[0]
             return higher
 
-        low, high = np.full(people.feasible.size, MIN_U), np.full(people.feasible.size, MAX_U)
+        low, high = np.full(people.feasible.size, _MIN_U), np.full(people.feasible.size, _MAX_U)
         result = people.feasible & above(low) & ~above(high)
         for _ in range(_HALVINGS):
             middle = np.sqrt(low * high)

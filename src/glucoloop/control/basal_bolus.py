@@ -77,7 +77,7 @@ class BasalBolusSettings(ByProfile, name="basal-bolus"):
 
 
 @pytree
-class BasalBolusState:
+class _BasalBolusState:
     """State of the controller: past boluses."""
 
     first_mU: jax.Array
@@ -152,12 +152,12 @@ class BasalBolus:
             return rule(Profile(basal_mU_min=self.basal_mU_min, setpoint_mg_dl=jnp.nan))
         return jnp.asarray(own if given is None else given)
 
-    def init(self, observation: Observation) -> BasalBolusState:
+    def init(self, observation: Observation) -> _BasalBolusState:
         """State without boluses for a long time."""
         zero = jnp.zeros_like(observation.delivered_mU_min)
-        return BasalBolusState(first_mU=zero, second_mU=zero, since_min=zero + _LONG_AGO_MIN, requested_mU=zero)
+        return _BasalBolusState(first_mU=zero, second_mU=zero, since_min=zero + _LONG_AGO_MIN, requested_mU=zero)
 
-    def step(self, state: BasalBolusState, observation: Observation) -> tuple[BasalBolusState, Decision]:
+    def step(self, state: _BasalBolusState, observation: Observation) -> tuple[_BasalBolusState, Decision]:
         """Include the bolus that was delivered, and decide on the next one."""
         first, second = self._absorbed(state, bolus_since(observation, state.requested_mU, self.bolus))
         known, on_board = is_known(observation), first + second
@@ -173,7 +173,7 @@ class BasalBolus:
         bolus = jnp.where(eats | alone, for_meal + correction, 0.0)
         bolus = jnp.clip(bolus, 0.0, self.bolus.max_mU)
         since = jnp.minimum(state.since_min + self.sample_time_min, _LONG_AGO_MIN)
-        after = BasalBolusState(
+        after = _BasalBolusState(
             first_mU=first,
             second_mU=second,
             since_min=jnp.where(bolus >= self.bolus.min_mU, self.sample_time_min, since),
@@ -183,7 +183,7 @@ class BasalBolus:
         decision = decide(basal, delivered_since(observation, basal), self.limits, known)
         return after, dataclasses.replace(decision, bolus_mU=bolus)
 
-    def _absorbed(self, state: BasalBolusState, bolus_mU: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _absorbed(self, state: _BasalBolusState, bolus_mU: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Content of the two depots a sample after a bolus, exact."""
         samples = self.sample_time_min * _LEFT / self.insulin_on_board_min
         left, first = jnp.exp(-samples), state.first_mU + bolus_mU

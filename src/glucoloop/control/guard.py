@@ -61,7 +61,7 @@ _MAX_CARBS_G: Final = 1000.0
 
 
 @pytree
-class GuardState:
+class _GuardState:
     """State of a guard."""
 
     inner: Any
@@ -141,7 +141,7 @@ class Guard:
             fall_share=share(profile.correction_mg_dl_U, lambda factor: _MARGIN * factor / rule.correction_factor()),
         )
 
-    def init(self, observation: Observation) -> GuardState:
+    def init(self, observation: Observation) -> _GuardState:
         """State at rest under the basal rate; the inner controller starts from the accepted part of the observation."""
         reported = observation.delivered_mU_min
         lowest, highest = self.limits.min_mU_min, self.limits.max_mU_min
@@ -156,7 +156,7 @@ class Guard:
         readings = initial_readings(observation.glucose_mg_dl, accepted, setpoint)
         no_bolus = jnp.zeros_like(delivered) if self.gives_boluses else None
         clean = _clean(observation, readings, accepted, setpoint, delivered, no_bolus)
-        return GuardState(
+        return _GuardState(
             inner=self.inner.init(clean),
             readings=readings,
             doses=initial_doses(basal, delivered, self.sample_time_min, no_bolus).with_first_check(delivered, no_bolus),
@@ -166,7 +166,7 @@ class Guard:
             bolus_mU=no_bolus,
         )
 
-    def step(self, state: GuardState, observation: Observation) -> tuple[GuardState, Decision]:
+    def step(self, state: _GuardState, observation: Observation) -> tuple[_GuardState, Decision]:
         """Accept or reject each input, let the inner controller decide, and bound its dose."""
         settings, own, every = self.settings, self._own_limits, self.sample_time_min
         intact = state.doses.agrees(state.command_mU_min, state.bolus_mU)
@@ -251,7 +251,7 @@ class Guard:
             (~sound, Status.RESTARTED),
         ):
             status = jnp.where(holds, int(kind), status)
-        state = GuardState(
+        state = _GuardState(
             inner=inner,
             readings=readings,
             doses=doses.with_check(dose, bolus),
@@ -262,7 +262,7 @@ class Guard:
         )
         return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus)
 
-    def _repaired(self, state: GuardState, intact: jax.Array) -> GuardState:
+    def _repaired(self, state: _GuardState, intact: jax.Array) -> _GuardState:
         """The state with every impossible number replaced, and the record of doses if it is not intact."""
         setpoint_mg_dl, suspended = state.setpoint_mg_dl, state.suspended
         setpoint = jnp.where(self._is_setpoint(setpoint_mg_dl), setpoint_mg_dl, _ORDINARY_MG_DL)
@@ -270,7 +270,7 @@ class Guard:
         own, before = self._own_limits, self.limits.max_mU_min + self.limits.max_change_mU_min
         doses = repaired_doses(state.doses, intact, basal, own, self._highest_rate, before)
         bolus, largest = state.bolus_mU, largest_possible_bolus(doses.basal_mU_min, own, self.settings)
-        return GuardState(
+        return _GuardState(
             inner=state.inner,
             readings=repaired_readings(state.readings, setpoint, self.settings),
             doses=doses,
@@ -298,7 +298,7 @@ class Guard:
         """Whether a reported rate is possible."""
         return (insulin_mU_min >= 0.0) & (insulin_mU_min <= self._highest_rate)
 
-    def _bolus_since(self, state: GuardState, observation: Observation) -> jax.Array | None:
+    def _bolus_since(self, state: _GuardState, observation: Observation) -> jax.Array | None:
         """Bolus of the last sample; a pump that reports nothing possible is taken to have done as it was asked."""
         reported = observation.delivered_bolus_mU
         if state.bolus_mU is None or reported is None:

@@ -47,7 +47,7 @@ class IMCSettings(ControllerPart, name="imc"):
 
 
 @pytree
-class IMCState:
+class _IMCState:
     """State of the controller; deviations from its initial operating point."""
 
     model_mg_dl: jax.Array
@@ -85,11 +85,11 @@ class IMC:
             "filter_min": -self.sample_time_min / math.log(self.filter_pole),
         }
 
-    def init(self, observation: Observation) -> IMCState:
+    def init(self, observation: Observation) -> _IMCState:
         """State of a controller at rest under the delivered rate."""
         delivered = rate_at_start(observation, self.limits.min_mU_min)
         zero = jnp.zeros_like(delivered)
-        return IMCState(
+        return _IMCState(
             model_mg_dl=zero,
             filtered_mg_dl=zero,
             pending_mU_min=jnp.zeros((self.delay_samples, *delivered.shape), delivered.dtype),
@@ -98,7 +98,7 @@ class IMC:
             insulin_mU_min=delivered,
         )
 
-    def step(self, state: IMCState, observation: Observation) -> tuple[IMCState, Decision]:
+    def step(self, state: _IMCState, observation: Observation) -> tuple[_IMCState, Decision]:
         """Advance the model with the delivered rate, compare it with the reading, invert it without its dead time."""
         delivered = delivered_since(observation, state.insulin_mU_min)
         line = jnp.concatenate([state.pending_mU_min, (delivered - state.basal_mU_min)[None]])
@@ -109,7 +109,7 @@ class IMC:
         error = jnp.where(known & jnp.isfinite(error), error, state.error_mg_dl)
         filtered = self.filter_pole * state.filtered_mg_dl + (1.0 - self.filter_pole) * error
         wanted = state.basal_mU_min + (filtered - self.pole * state.filtered_mg_dl) / self.gain
-        state = IMCState(
+        state = _IMCState(
             model_mg_dl=model,
             filtered_mg_dl=filtered,
             pending_mU_min=line[1:],

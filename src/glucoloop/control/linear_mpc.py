@@ -42,7 +42,7 @@ class LinearMPCSettings(MPCTuning, name="mpc"):
 
 
 @pytree
-class LinearMPCState:
+class _LinearMPCState:
     """State of the controller."""
 
     free_response: jax.Array
@@ -91,17 +91,17 @@ class LinearMPC:
         longer, after = _remembered(self.step_response, self.realisation, horizon)
         return dataclasses.replace(self, step_response=longer, realisation=after, plan=self.plan.padded(moves, horizon))
 
-    def init(self, observation: Observation) -> LinearMPCState:
+    def init(self, observation: Observation) -> _LinearMPCState:
         """State of a controller at rest under the delivered rate, with glucose at the first reading."""
         reading, after = observation.glucose_mg_dl, self.realisation
-        return LinearMPCState(
+        return _LinearMPCState(
             free_response=jnp.zeros((self.step_response.shape[0], *reading.shape), reading.dtype),
             disturbance_mg_dl=jnp.where(is_known(observation), reading, observation.setpoint_mg_dl),
             insulin_mU_min=rate_at_start(observation, self.plan.limits.min_mU_min),
             residual=None if after is None else jnp.zeros((after.start.shape[0], *reading.shape), reading.dtype),
         )
 
-    def step(self, state: LinearMPCState, observation: Observation) -> tuple[LinearMPCState, Decision]:
+    def step(self, state: _LinearMPCState, observation: Observation) -> tuple[_LinearMPCState, Decision]:
         """Include the delivered rate and the reading, and decide on one move."""
         # The pump's word, not our command: what it clipped must not wind up in the prediction.
         delivered = delivered_since(observation, state.insulin_mU_min)
@@ -112,12 +112,12 @@ class LinearMPC:
         ahead = free[1 : self.gain.shape[0] + 1]
         error = observation.setpoint_mg_dl - disturbance - ahead
         move, converged = self.plan.first_move(error, delivered, disturbance + ahead)
-        state = LinearMPCState(
+        state = _LinearMPCState(
             free_response=free, disturbance_mg_dl=disturbance, insulin_mU_min=delivered, residual=residual
         )
         return state, decide(delivered + move, delivered, self.plan.limits, known, converged)
 
-    def _after_move(self, state: LinearMPCState, move: jax.Array) -> tuple[jax.Array, jax.Array | None]:
+    def _after_move(self, state: _LinearMPCState, move: jax.Array) -> tuple[jax.Array, jax.Array | None]:
         """Free response one sample on, with a move made at the last sample, and what comes after it.
 
         At the far end it stays at its last value, or goes on with the realisation, which is exact for every move ever

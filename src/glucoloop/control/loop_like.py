@@ -38,23 +38,23 @@ from glucoloop.units import MU_PER_U
 
 MEALS: Final = 4
 """Meals that are followed at a time."""
-OVERRUN: Final = 1.5
+_OVERRUN: Final = 1.5
 """Longest absorption of a meal, in absorption times; the forecast begins with it."""
-CARB_DELAY_MIN: Final = 10.0
+_CARB_DELAY_MIN: Final = 10.0
 """Time from eating to the beginning of absorption."""
-MOMENTUM_MIN: Final = 15.0
+_MOMENTUM_MIN: Final = 15.0
 """Time over which the slope of readings is taken, and over which it fades into the other effects."""
-MAX_RISE_MG_DL_MIN: Final = 4.0
+_MAX_RISE_MG_DL_MIN: Final = 4.0
 """Largest slope upwards."""
-GROUPING_MIN: Final = 30.0
+_GROUPING_MIN: Final = 30.0
 """Time over which unexplained changes of glucose are added up."""
-CORRECTION_MIN: Final = 60.0
+_CORRECTION_MIN: Final = 60.0
 """Time for which they are taken to go on, falling to 0."""
-RECENT_MIN: Final = 15.0
+_RECENT_MIN: Final = 15.0
 """Age of a reading from which on no dose rests on it."""
-TEMPORARY_BASAL_MIN: Final = 30.0
+_TEMPORARY_BASAL_MIN: Final = 30.0
 """Time over which a temporary basal rate is to correct the forecast."""
-BOLUS_SHARE: Final = 0.4
+_BOLUS_SHARE: Final = 0.4
 """Share of the correction that is given as an automatic bolus."""
 _READINGS: Final = 3
 """Least number of readings of a slope."""
@@ -89,7 +89,7 @@ class Meals:
 
     def seen(self, rise_g: jax.Array, longest_min: jax.Array | float, passed_min: float) -> Meals:
         """The meals after some time, in which glucose rose as by the absorption of some carbohydrate."""
-        active = (self.carbs_g > 0.0) & (self.since_min < longest_min + CARB_DELAY_MIN)
+        active = (self.carbs_g > 0.0) & (self.since_min < longest_min + _CARB_DELAY_MIN)
         rate = jnp.where(active, self.carbs_g * rate_of_absorption(self.since_min / longest_min), 0.0)
         left_g, rates, shares = jnp.maximum(rise_g, 0.0), jnp.sum(rate, axis=0), []
         for i in reversed(range(MEALS)):  # the oldest first
@@ -99,7 +99,7 @@ class Meals:
             shares.append(share)
         return Meals(
             carbs_g=self.carbs_g,
-            since_min=jnp.minimum(self.since_min + passed_min, longest_min + 2.0 * CARB_DELAY_MIN),
+            since_min=jnp.minimum(self.since_min + passed_min, longest_min + 2.0 * _CARB_DELAY_MIN),
             observed_g=self.observed_g + jnp.stack(shares[::-1]),
         )
 
@@ -109,18 +109,18 @@ class Meals:
         A meal goes on from where it was seen, as fast as the model does. One that is seen less than the slowest
         absorption has at least that.
         """
-        time = self.since_min - CARB_DELAY_MIN
+        time = self.since_min - _CARB_DELAY_MIN
         least = part_absorbed(time / longest_min)
         part = self.observed_g / jnp.where(self.carbs_g > 0.0, self.carbs_g, 1.0)
         seen = (self.since_min > 0.0) & (part >= least)
         begun = jnp.maximum(self.since_min, 0.0)
-        length = jnp.where(time > 0.0, longest_min + CARB_DELAY_MIN, longest_min + begun)
+        length = jnp.where(time > 0.0, longest_min + _CARB_DELAY_MIN, longest_min + begun)
         at_seen = jnp.where(time > 0.0, time_of_part(jnp.clip(part, least, 1.0)), 0.0)
         return jnp.where(seen, at_seen, time / length), jnp.where(seen, longest_min, length), seen
 
 
 @pytree
-class LoopLikeState:
+class _LoopLikeState:
     """State of the controller: readings, insulin that is still to act, and meals."""
 
     readings_mg_dl: jax.Array
@@ -216,10 +216,10 @@ class LoopLike(OfPerson, name="loop-like"):
         sample_time_min: float = 5.0,
     ) -> Self:
         """The controller for a person and a pump; a sample time after which a reading no longer counts is refused."""
-        if sample_time_min > RECENT_MIN:
+        if sample_time_min > _RECENT_MIN:
             raise Refusal(
                 f"a sample time of {sample_time_min:g} min is not possible here, where a reading counts for "
-                f"{RECENT_MIN:g} min; give at most that"
+                f"{_RECENT_MIN:g} min; give at most that"
             )
         return super().of_person(profile, limits, bolus=bolus, sample_time_min=sample_time_min)
 
@@ -249,21 +249,21 @@ class LoopLike(OfPerson, name="loop-like"):
 
     @property
     def _slope_readings(self) -> int:
-        return max(_READINGS, math.floor(MOMENTUM_MIN / self.sample_time_min + 1e-9) + 1)
+        return max(_READINGS, math.floor(_MOMENTUM_MIN / self.sample_time_min + 1e-9) + 1)
 
     @property
     def _longest_min(self) -> jax.Array | float:
-        return OVERRUN * self.absorption_min
+        return _OVERRUN * self.absorption_min
 
     # ------------------------------------------------------------------------------------------ steps
 
-    def init(self, observation: Observation) -> LoopLikeState:
+    def init(self, observation: Observation) -> _LoopLikeState:
         """State of somebody who has rested at the basal rate, without a meal."""
         glucose = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
         glucose = jnp.clip(glucose, 0.0, _MAX_MG_DL)
         zero = jnp.zeros_like(observation.delivered_mU_min)
         none = jnp.stack([zero] * MEALS)
-        return LoopLikeState(
+        return _LoopLikeState(
             readings_mg_dl=jnp.stack([glucose] * self._slope_readings),
             in_a_row=zero,
             stale_min=zero,
@@ -277,23 +277,23 @@ class LoopLike(OfPerson, name="loop-like"):
     @property
     def _grouped(self) -> int:
         """Samples whose unexplained changes are added up; LoopKit counts those at both ends of the time."""
-        return math.floor(GROUPING_MIN * _SLACK / self.sample_time_min) + 1
+        return math.floor(_GROUPING_MIN * _SLACK / self.sample_time_min) + 1
 
-    def step(self, state: LoopLikeState, observation: Observation) -> tuple[LoopLikeState, Decision]:
+    def step(self, state: _LoopLikeState, observation: Observation) -> tuple[_LoopLikeState, Decision]:
         """Include what was read and delivered, and correct the forecast."""
         state = self.observed(state, observation)
         carbs_g, basal = announced_carbs(observation), jnp.asarray(self.basal_mU_min)
         units, highest, spare = self._correction(self.forecast(state), observation.setpoint_mg_dl)
-        recent = state.stale_min < RECENT_MIN
+        recent = state.stale_min < _RECENT_MIN
         limit_U = 2.0 * self.max_bolus_U - jnp.sum(state.acting_U, axis=0)
         for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), carbs_g / self.carbs_per_U)
         for_meal = jnp.where(carbs_g > 0.0, self.meal_bolus * for_forecast, 0.0)
-        per_U = MU_PER_U / TEMPORARY_BASAL_MIN
+        per_U = MU_PER_U / _TEMPORARY_BASAL_MIN
         most = basal
         automatic = jnp.zeros_like(for_meal)
         if self.dosing == "automatic-bolus":
-            most_U = jnp.clip(limit_U, 0.0, BOLUS_SHARE * self.max_bolus_U)
-            automatic = jnp.where(highest & recent, jnp.clip(BOLUS_SHARE * units, 0.0, most_U), 0.0)
+            most_U = jnp.clip(limit_U, 0.0, _BOLUS_SHARE * self.max_bolus_U)
+            automatic = jnp.where(highest & recent, jnp.clip(_BOLUS_SHARE * units, 0.0, most_U), 0.0)
         else:
             most = jnp.where(highest, jnp.minimum(self.max_basal * basal, basal + per_U * limit_U), basal)
             most = jnp.where(for_meal > 0.0, jnp.minimum(most, basal), most)  # the bolus corrects the forecast
@@ -304,7 +304,7 @@ class LoopLike(OfPerson, name="loop-like"):
         decision = decide(rate, state.rate_mU_min, self.limits, is_known(observation))
         return dataclasses.replace(state, requested_mU=bolus), dataclasses.replace(decision, bolus_mU=bolus)
 
-    def observed(self, state: LoopLikeState, observation: Observation) -> LoopLikeState:
+    def observed(self, state: _LoopLikeState, observation: Observation) -> _LoopLikeState:
         """State with a reading, what was delivered since the last sample, and an announced meal."""
         T, sensitivity = self.sample_time_min, jnp.asarray(self.fall_per_U)
         delivered = delivered_since(observation, state.rate_mU_min)
@@ -334,10 +334,10 @@ class LoopLike(OfPerson, name="loop-like"):
         unexplained = jnp.where(known, counteracted - risen, 0.0)
         glucose = jnp.where(known, y, forecast)
         row = jnp.minimum(state.in_a_row + 1.0, float(self._slope_readings))
-        return LoopLikeState(
+        return _LoopLikeState(
             readings_mg_dl=jnp.concatenate([glucose[None], state.readings_mg_dl[:-1]]),
             in_a_row=jnp.where(known, row, 0.0),
-            stale_min=jnp.where(known, 0.0, jnp.minimum(state.stale_min + T, 2.0 * RECENT_MIN)),
+            stale_min=jnp.where(known, 0.0, jnp.minimum(state.stale_min + T, 2.0 * _RECENT_MIN)),
             acting_U=acting,
             unexplained_mg_dl=jnp.concatenate([unexplained[None], state.unexplained_mg_dl[:-1]]),
             meals=meals.with_new(announced_carbs(observation), eaten_in_min(observation)),
@@ -345,7 +345,7 @@ class LoopLike(OfPerson, name="loop-like"):
             requested_mU=state.requested_mU,
         )
 
-    def forecast(self, state: LoopLikeState) -> jax.Array:
+    def forecast(self, state: _LoopLikeState) -> jax.Array:
         """Glucose ``(1 + horizon, ...)`` from now on, at each sample: that of now, and the sum of all effects."""
         T, n, glucose = self.sample_time_min, self.horizon, state.readings_mg_dl[0]
         insulin = -self.fall_per_U * state.acting_U
@@ -354,24 +354,24 @@ class LoopLike(OfPerson, name="loop-like"):
         ahead = _column(T * np.arange(n + 1.0), at)
         absorbed = jnp.sum(state.meals.carbs_g * part_absorbed(at + ahead / length), axis=1)
         carbs = self.fall_per_U / self.carbs_per_U * jnp.diff(absorbed, axis=0)
-        velocity = jnp.sum(state.unexplained_mg_dl, axis=0) / GROUPING_MIN
-        fades = T * np.clip(1.0 - T * np.arange(n) / (CORRECTION_MIN - T), 0.0, 1.0)
+        velocity = jnp.sum(state.unexplained_mg_dl, axis=0) / _GROUPING_MIN
+        fades = T * np.clip(1.0 - T * np.arange(n) / (_CORRECTION_MIN - T), 0.0, 1.0)
         effects = insulin + carbs + _column(fades, velocity) * velocity
-        points = math.floor(MOMENTUM_MIN / T + 1e-9)
+        points = math.floor(_MOMENTUM_MIN / T + 1e-9)
         if points >= _READINGS - 1:
             share = np.clip((points - np.arange(1.0, n + 1.0)) / (points - 1), 0.0, 1.0)
             split = _column(share, velocity) * (state.in_a_row >= _READINGS)
             effects = (1.0 - split) * effects + split * T * self._slope(state)
         return jnp.concatenate([glucose[None], glucose + jnp.cumsum(effects, axis=0)])
 
-    def _slope(self, state: LoopLikeState) -> jax.Array:
+    def _slope(self, state: _LoopLikeState) -> jax.Array:
         """Slope of the valid readings in a row, by least squares [mg/dl/min]."""
         order = np.arange(float(self._slope_readings))
         weight = jnp.where(_column(order, state.in_a_row) < state.in_a_row, 1.0, 0.0)
         times = _column(-self.sample_time_min * order, state.in_a_row)
         t = weight * (times - jnp.sum(weight * times, axis=0) / jnp.maximum(jnp.sum(weight, axis=0), 1.0))
         slope = jnp.sum(t * state.readings_mg_dl, axis=0) / jnp.maximum(jnp.sum(t * t, axis=0), 1e-9)
-        return jnp.minimum(slope, MAX_RISE_MG_DL_MIN)
+        return jnp.minimum(slope, _MAX_RISE_MG_DL_MIN)
 
     def _correction(self, forecast: jax.Array, setpoint_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Insulin [U] that corrects a forecast, whether more than the basal rate may be given, and whether any."""

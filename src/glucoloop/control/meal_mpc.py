@@ -226,7 +226,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
 
 
 @pytree
-class MealMPCState:
+class _MealMPCState:
     """State of the controller."""
 
     estimator: Any
@@ -311,7 +311,7 @@ class MealMPC:
         """Horizons, in samples; a known dead time is within them."""
         return {"move_horizon": self.move_horizon, "prediction_horizon": self.prediction_horizon}
 
-    def init(self, observation: Observation) -> MealMPCState:
+    def init(self, observation: Observation) -> _MealMPCState:
         """State of a controller at rest under the delivered rate; unexplained glucose counts as a disturbance."""
         known, delivered = is_known(observation), rate_at_start(observation, self.model.insulin_mU_min)
         delivered = jnp.clip(delivered, self.limits.min_mU_min, self.limits.max_mU_min)
@@ -322,7 +322,7 @@ class MealMPC:
             reported=jnp.asarray(True),
             announced_carbs_g=jnp.zeros_like(delivered),
         )
-        return MealMPCState(
+        return _MealMPCState(
             estimator=self.estimator.init(self.model, sensed),
             delivered_mU_min=jnp.full(self.dead_time_samples + 1, delivered),
             reported=jnp.ones(self.dead_time_samples, bool),
@@ -332,14 +332,14 @@ class MealMPC:
             to_come=no_meals_to_come(observation),
         )
 
-    def step(self, state: MealMPCState, observation: Observation) -> tuple[MealMPCState, Decision]:
+    def step(self, state: _MealMPCState, observation: Observation) -> tuple[_MealMPCState, Decision]:
         """Estimate the state at the time of the reading, predict to this sample, plan, and make the first move."""
         state, decision, _ = self.explained_step(state, observation)
         return state, decision
 
     def explained_step(
-        self, state: MealMPCState, observation: Observation
-    ) -> tuple[MealMPCState, Decision, MealEstimate]:
+        self, state: _MealMPCState, observation: Observation
+    ) -> tuple[_MealMPCState, Decision, MealEstimate]:
         """Decision of `step`, with the estimate on which the dose rests, of the time of the reading."""
         known = is_known(observation)
         delivered = delivered_since(observation, state.delivered_mU_min[-1])
@@ -367,7 +367,7 @@ class MealMPC:
             lambda present, new: jnp.where(sound, present, new), estimator_state, fresh.estimator
         )
         planned = jnp.where(sound, jnp.append(moves[1:], 0.0), 0.0)
-        state = MealMPCState(
+        state = _MealMPCState(
             estimator=estimator_state,
             delivered_mU_min=rates,
             reported=reported[1:],

@@ -36,7 +36,7 @@ from glucoloop.refusal import Refusal
 
 Matrix: TypeAlias = "npt.NDArray[np.float64]"
 
-OFFSET_FREE: Final = ("held-innovation", "output-disturbance", "input-disturbance", "none")
+_OFFSET_FREE: Final = ("held-innovation", "output-disturbance", "input-disturbance", "none")
 
 
 class MPCSESettings(FilterTuning, name="mpc-se"):
@@ -74,7 +74,7 @@ class MPCSESettings(FilterTuning, name="mpc-se"):
 
 
 @pytree
-class MPCSEState:
+class _MPCSEState:
     """State of the controller."""
 
     estimate: jax.Array
@@ -86,7 +86,7 @@ class MPCSEState:
 
 
 @pytree
-class NoiseLearning:
+class _NoiseLearning:
     """Filters by the size of a correlated error of the sensor, and what follows from them."""
 
     filters: NoisyFilters
@@ -120,7 +120,7 @@ class MPCSE:
     basal_glucose_mg_dl: jax.Array
     C_reading: jax.Array | None = None
     """(n,) output row of the sensor, or None where it reads glucose."""
-    learning: NoiseLearning | None = None
+    learning: _NoiseLearning | None = None
     """Filters by the size of a correlated error of the sensor, which is learned; None for noise as it is told."""
     sample_time_min: float = static()
     heals: ClassVar[bool] = True
@@ -155,16 +155,16 @@ class MPCSE:
         """The same controller for a person with the given basal rate, from which deviations are taken."""
         return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
 
-    def init(self, observation: Observation) -> MPCSEState:
+    def init(self, observation: Observation) -> _MPCSEState:
         """State of a controller at rest under the delivered rate."""
         delivered = rate_at_start(observation, self.basal_mU_min)
-        return MPCSEState(
+        return _MPCSEState(
             estimate=jnp.multiply.outer(self.rest, delivered - self.basal_mU_min),
             insulin_mU_min=delivered,
             sensor=None if self.learning is None else no_error(delivered),
         )
 
-    def step(self, state: MPCSEState, observation: Observation) -> tuple[MPCSEState, Decision]:
+    def step(self, state: _MPCSEState, observation: Observation) -> tuple[_MPCSEState, Decision]:
         """Carry the estimate to this sample, correct it by the reading, plan, and make the first move."""
         delivered = delivered_since(observation, state.insulin_mU_min)
         rate = delivered - self.basal_mU_min
@@ -192,12 +192,12 @@ class MPCSE:
             sound = sound & sensor.sound
             sensor = sensor.or_none(sound)
         estimate = jnp.where(sound, estimate, jnp.multiply.outer(self.rest, rate))
-        state = MPCSEState(estimate=estimate, insulin_mU_min=delivered, sensor=sensor)
+        state = _MPCSEState(estimate=estimate, insulin_mU_min=delivered, sensor=sensor)
         wanted = jnp.where(sound, delivered + move, jnp.nan)
         return state, decide(wanted, delivered, self.plan.limits, known, converged)
 
     def _learn(
-        self, learning: NoiseLearning, sensor: SensorError, residual: jax.Array, known: jax.Array
+        self, learning: _NoiseLearning, sensor: SensorError, residual: jax.Array, known: jax.Array
     ) -> tuple[SensorError, jax.Array, jax.Array]:
         """Estimate the error of the sensor and its size from what a reading is off its prediction.
 
@@ -314,8 +314,8 @@ def design_mpc_se(
     >>> round(float(controller.kalman_gain[0]), 4)
     0.5276
     """
-    if offset_free not in OFFSET_FREE:
-        raise Refusal(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(OFFSET_FREE)}")
+    if offset_free not in _OFFSET_FREE:
+        raise Refusal(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(_OFFSET_FREE)}")
     if dead_time_samples < 0:
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     Q = np.asarray(process_noise, float)
@@ -360,7 +360,7 @@ def design_mpc_se(
             # C Phi^i of i = 0 .. p - 1; the free response to the estimate begins with i = 1
             ahead = np.concatenate([C.T, np.asarray(one.free_state)[:-1, :, 0]])
             free_response = np.cumsum(np.asarray(filters.gain)[:, :-1] @ ahead.T, axis=1)
-        learning = NoiseLearning(filters=filters, free_innovation=jnp.asarray(free_response))
+        learning = _NoiseLearning(filters=filters, free_innovation=jnp.asarray(free_response))
     return dataclasses.replace(
         one,
         plan=plan,

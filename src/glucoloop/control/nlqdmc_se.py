@@ -67,7 +67,7 @@ class NLQDMCSettings(FilterTuning, name="nlqdmc-se"):
 
 
 @pytree
-class NLQDMCState:
+class _NLQDMCState:
     """State of the controller."""
 
     estimate: jax.Array
@@ -141,16 +141,16 @@ class NLQDMC:
         """Horizons, in samples; a known dead time is within them."""
         return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
 
-    def init(self, observation: Observation) -> NLQDMCState:
+    def init(self, observation: Observation) -> _NLQDMCState:
         """State of a controller at rest at the model's operating point."""
         basal = self.model.insulin_mU_min + self.beyond_model_mU_min
         delivered = rate_at_start(observation, basal)
         sensor = None if self.noise_pace is None else no_error(delivered)
-        return NLQDMCState(
+        return _NLQDMCState(
             estimate=self.model.state, covariance=self.covariance, insulin_mU_min=delivered, sensor=sensor
         )
 
-    def step(self, state: NLQDMCState, observation: Observation) -> tuple[NLQDMCState, Decision]:
+    def step(self, state: _NLQDMCState, observation: Observation) -> tuple[_NLQDMCState, Decision]:
         """Carry the estimate to this sample, linearise there, correct by the reading, plan, and make the first move."""
         delivered = delivered_since(observation, state.insulin_mU_min)
         rate = delivered - self.beyond_model_mU_min
@@ -197,7 +197,7 @@ class NLQDMC:
         if sensor is not None:
             sound = sound & sensor.sound
             sensor = sensor.or_none(sound)
-        state = NLQDMCState(
+        state = _NLQDMCState(
             estimate=jnp.where(sound, x, self.model.state),
             covariance=jnp.where(sound, covariance, self.covariance),
             insulin_mU_min=delivered,

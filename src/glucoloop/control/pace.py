@@ -25,7 +25,7 @@ from glucoloop.refusal import Refusal
 
 
 @pytree
-class PacedState:
+class _PacedState:
     """State of a paced controller: what is in force, and what was observed since the controller acted."""
 
     inner: Any
@@ -96,10 +96,10 @@ class Paced:
         with_basal = getattr(self.inner, "with_basal", None)
         return self if with_basal is None else dataclasses.replace(self, inner=with_basal(insulin_mU_min))
 
-    def init(self, observation: Observation) -> PacedState:
+    def init(self, observation: Observation) -> _PacedState:
         """State before the first sample, at which the inner controller acts."""
         delivered = observation.delivered_mU_min
-        return PacedState(
+        return _PacedState(
             inner=self.inner.init(observation),
             insulin_mU_min=delivered,
             status=jnp.full_like(delivered, int(Status.OK), dtype=int),
@@ -111,7 +111,7 @@ class Paced:
             in_min=None if observation.announced_in_min is None else jnp.full_like(delivered, jnp.inf),
         )
 
-    def step(self, state: PacedState, observation: Observation) -> tuple[PacedState, Decision]:
+    def step(self, state: _PacedState, observation: Observation) -> tuple[_PacedState, Decision]:
         """Let the inner controller act where it is due, or hold its rate and give no bolus."""
         gathered = state.gathered + 1.0
         due = ~(gathered < self.samples)  # also where the number was lost
@@ -126,7 +126,7 @@ class Paced:
         status = acted(decision.status, state.status).astype(state.status.dtype)
         zero = jnp.zeros_like(state.delivered_mU_min)
         no_bolus = None if state.bolus_mU is None else zero
-        state = PacedState(
+        state = _PacedState(
             inner=acted(inner, state.inner),
             insulin_mU_min=insulin,
             status=status,
@@ -139,7 +139,7 @@ class Paced:
         )
         return state, Decision(insulin_mU_min=insulin, status=status, bolus_mU=acted(decision.bolus_mU, no_bolus))
 
-    def _first_eaten_in(self, state: PacedState, observation: Observation) -> jax.Array | None:
+    def _first_eaten_in(self, state: _PacedState, observation: Observation) -> jax.Array | None:
         """Time until the first meal is eaten of those announced since the inner controller acted, or infinity."""
         if state.in_min is None:
             return None
@@ -147,7 +147,7 @@ class Paced:
         return jnp.minimum(jnp.maximum(state.in_min - self.sample_time_min, 0.0), now)
 
     def _since(
-        self, state: PacedState, observation: Observation, gathered: jax.Array, in_min: jax.Array | None
+        self, state: _PacedState, observation: Observation, gathered: jax.Array, in_min: jax.Array | None
     ) -> Observation:
         """Observation of the inner controller: the newest valid reading, and everything since it acted."""
         earlier = ~is_known(observation) & jnp.isfinite(state.reading_mg_dl)

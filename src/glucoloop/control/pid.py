@@ -127,7 +127,7 @@ its rate to steps, and the integral has to grow by less than a step at a sample.
 
 
 @pytree
-class PIDState:
+class _PIDState:
     """Last reading, integral part of the rate, the last rate within the limits, and the rate in force."""
 
     last_mg_dl: jax.Array
@@ -158,18 +158,18 @@ class PID:
         integral = {"integral_time_min": gain * sample_time_min / self.integral} if self.integral else {}
         return {"gain": gain, **integral, "derivative_time_min": self.derivative * sample_time_min / gain}
 
-    def init(self, observation: Observation) -> PIDState:
+    def init(self, observation: Observation) -> _PIDState:
         """State in which the first reading calls for the rate in force."""
         reading = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
         insulin = rate_at_start(observation, self.limits.min_mU_min)
-        return PIDState(
+        return _PIDState(
             last_mg_dl=reading,
             integral_mU_min=insulin - self.proportional * (reading - observation.setpoint_mg_dl),
             requested_mU_min=insulin,
             insulin_mU_min=insulin,
         )
 
-    def step(self, state: PIDState, observation: Observation) -> tuple[PIDState, Decision]:
+    def step(self, state: _PIDState, observation: Observation) -> tuple[_PIDState, Decision]:
         """Add up the three parts.
 
         At the greatest rate of the pump the integral becomes what makes up that rate, so that it is left as soon as
@@ -194,7 +194,7 @@ class PID:
         requested = jnp.clip(jnp.where(finite, wanted, delivered), self.limits.min_mU_min, self.limits.max_mU_min)
         anew = integral + (requested - wanted)
         at_limit = jnp.where(wanted < requested, jnp.maximum(integral, jnp.minimum(state.integral_mU_min, anew)), anew)
-        state = PIDState(
+        state = _PIDState(
             last_mg_dl=y,
             integral_mU_min=jnp.where(known & finite, at_limit, integral),
             requested_mU_min=requested,

@@ -25,13 +25,13 @@ from glucoloop.control.pid import ROUNDING
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.units import MU_PER_U
 
-TIME_CONSTANTS_MIN: Final = (50.0, 70.0, 55.0)
+_TIME_CONSTANTS_MIN: Final = (50.0, 70.0, 55.0)
 """Time constants of insulin under the skin, in plasma and at its effect, each a lag of gain 1. Ruiz et al. print the
 matrix for steps of 1 min, in which 0.9802, 0.98582 and 0.98198 are ``exp(-1/50)``, ``exp(-1/70)`` and ``exp(-1/55)``.
 """
 FEEDBACK: Final = (0.64935, 0.34128, 0.0093667)
 """Gains of the feedback of the three, Ruiz et al."""
-DERIVATIVE_RULE: Final = 1500.0
+_DERIVATIVE_RULE: Final = 1500.0
 """Fall of glucose [mg/dl] by 1 U, times the total daily dose [U], from which the derivative gain follows."""
 _MAX_MG_DL: Final = 1000.0
 """Largest difference of glucose that enters the rate; no sensor reads so far from a setpoint."""
@@ -41,14 +41,14 @@ def insulin_lags(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.N
     """Exact step of the model of insulin: the matrix ``(3, 3)`` of its states, and the effect ``(3,)`` of a rate."""
     from scipy.linalg import expm
 
-    rates = 1.0 / np.asarray(TIME_CONSTANTS_MIN)
+    rates = 1.0 / np.asarray(_TIME_CONSTANTS_MIN)
     A = np.diag(-rates) + np.diag(rates[1:], -1)
     Phi = expm(A * sample_time_min)
     return Phi, 1.0 - Phi.sum(axis=1)  # a lasting rate is met by states that equal it
 
 
 @pytree
-class PIDIFBState:
+class _PIDIFBState:
     """Last reading, integral part, modelled insulin, and what was asked for and is in force."""
 
     last_mg_dl: jax.Array
@@ -135,13 +135,13 @@ class PIDIFB(OfPerson, name="pid-ifb"):
 
     def proportional(self) -> jax.Array:
         """Proportional gain [mU/min per mg/dl]: a rise is met by the insulin that the rule of 1500 gives against it."""
-        return jnp.asarray(self.gain * self.daily_dose_U * MU_PER_U / DERIVATIVE_RULE / self.derivative_time_min)
+        return jnp.asarray(self.gain * self.daily_dose_U * MU_PER_U / _DERIVATIVE_RULE / self.derivative_time_min)
 
-    def init(self, observation: Observation) -> PIDIFBState:
+    def init(self, observation: Observation) -> _PIDIFBState:
         """State in which the first reading calls for the basal rate, after the rate in force for a long time."""
         reading = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
         rate = rate_at_start(observation, self.limits.min_mU_min)
-        return PIDIFBState(
+        return _PIDIFBState(
             last_mg_dl=reading,
             integral_mU_min=jnp.broadcast_to(jnp.asarray(self.basal_mU_min, rate.dtype), rate.shape),
             insulin_mU_min=jnp.stack([rate] * 3),
@@ -150,7 +150,7 @@ class PIDIFB(OfPerson, name="pid-ifb"):
             requested_mU=jnp.zeros_like(rate),
         )
 
-    def step(self, state: PIDIFBState, observation: Observation) -> tuple[PIDIFBState, Decision]:
+    def step(self, state: _PIDIFBState, observation: Observation) -> tuple[_PIDIFBState, Decision]:
         """Follow the delivered insulin, and answer the reading and the insulin that is still to act.
 
         The integral waits where the rate is at a limit of the pump, or was cut, and would go further that way.
@@ -181,7 +181,7 @@ class PIDIFB(OfPerson, name="pid-ifb"):
         for_meal = self.meal_bolus * announced_carbs(observation) * (MU_PER_U / self.carbs_per_U)
         bolus = jnp.clip(for_meal, 0.0, self.bolus.max_mU)
         decision = decide(wanted, delivered, self.limits, known)
-        after = PIDIFBState(
+        after = _PIDIFBState(
             last_mg_dl=y,
             integral_mU_min=grown,
             insulin_mU_min=insulin,

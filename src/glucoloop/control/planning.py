@@ -18,7 +18,7 @@ from glucoloop.qp.moves_qp import minimise_moves
 from glucoloop.qp.soft_floor import minimise_moves_above_floor
 from glucoloop.refusal import Refusal
 
-CONSTRAINT_HANDLING: Final = ("clip", "qp")
+_CONSTRAINT_HANDLING: Final = ("clip", "qp")
 _WORST_CONDITION: Final = 1e13
 
 
@@ -157,8 +157,8 @@ def plan_moves(
 
     A response that is not finite, or does not determine the moves within the horizon, is refused.
     """
-    if constraints not in CONSTRAINT_HANDLING:
-        known = ", ".join(CONSTRAINT_HANDLING)
+    if constraints not in _CONSTRAINT_HANDLING:
+        known = ", ".join(_CONSTRAINT_HANDLING)
         raise Refusal(f"unknown constraint handling {constraints!r}; the known ones are: {known}")
     traced = is_traced(step_response, tuning.output_weight, tuning.move_weight)
     S: Any = step_response if traced else np.asarray(step_response, float)

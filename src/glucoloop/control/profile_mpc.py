@@ -156,7 +156,7 @@ class ProfileMPCSettings(ByProfile, name="profile-mpc"):
 
 
 @pytree
-class ProfileMPCState:
+class _ProfileMPCState:
     """State of the controller."""
 
     estimate: FedEstimate
@@ -171,7 +171,7 @@ class ProfileMPCState:
 
 
 @pytree
-class ForecastSteps:
+class _ForecastSteps:
     """Steps of a forecast over the blocks of a plan."""
 
     step: Step
@@ -190,7 +190,7 @@ class ProfileMPC:
 
     model: ProfiledModel
     filter: FedFilter
-    forecast: ForecastSteps
+    forecast: _ForecastSteps
     costs: OneSided
     glucose_floor_mg_dl: jax.Array | float
     doubt: jax.Array | float
@@ -221,12 +221,12 @@ class ProfileMPC:
             "believed_carb_ratio_g_U": self.model.insulin_gain / self.model.meal_gain * self.model.own_carb_ratio_g_U,
         }
 
-    def init(self, observation: Observation) -> ProfileMPCState:
+    def init(self, observation: Observation) -> _ProfileMPCState:
         """State of a controller whose person rests under the basal rate."""
         delivered = jnp.clip(
             rate_at_start(observation, self.model.basal_mU_min), self.limits.min_mU_min, self.limits.max_mU_min
         )
-        return ProfileMPCState(
+        return _ProfileMPCState(
             estimate=self.filter.init(self.model),
             plan_mU_min=jnp.ones(self.forecast.block_min.shape[0]) * self.model.basal_mU_min,
             requested_mU_min=delivered,
@@ -234,7 +234,7 @@ class ProfileMPC:
             to_come=no_meals_to_come(observation),
         )
 
-    def step(self, state: ProfileMPCState, observation: Observation) -> tuple[ProfileMPCState, Decision]:
+    def step(self, state: _ProfileMPCState, observation: Observation) -> tuple[_ProfileMPCState, Decision]:
         """Carry the estimate to this sample, correct it by the reading, hear of a meal, plan, and dose."""
         known = is_known(observation)
         delivered = delivered_since(observation, state.requested_mU_min)
@@ -259,7 +259,7 @@ class ProfileMPC:
         decision = decide(jnp.where(sound, rate, jnp.nan), delivered, self.limits, known)
         rest = (plan[0] - decision.insulin_mU_min) * self.sample_time_min
         wanted = jnp.clip(jnp.where((eats | self.automatic) & sound, rest, 0.0), 0.0, self.bolus.max_mU)
-        state = ProfileMPCState(
+        state = _ProfileMPCState(
             estimate=estimate,
             plan_mU_min=plan,
             requested_mU_min=decision.insulin_mU_min,
@@ -268,7 +268,7 @@ class ProfileMPC:
         )
         return state, dataclasses.replace(decision, bolus_mU=wanted)
 
-    def _delivered_bolus(self, state: ProfileMPCState, observation: Observation) -> jax.Array:
+    def _delivered_bolus(self, state: _ProfileMPCState, observation: Observation) -> jax.Array:
         """Bolus since the last sample: the reported one, or the one asked for if the report is impossible."""
         word, requested = observation.delivered_bolus_mU, state.requested_bolus_mU
         return requested if word is None else jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, requested)
@@ -363,7 +363,7 @@ class ProfileMPC:
         return plan
 
 
-def forecast_of(model: ProfiledModel, sample_time_min: float) -> ForecastSteps:
+def forecast_of(model: ProfiledModel, sample_time_min: float) -> _ForecastSteps:
     """Steps over blocks that end with samples."""
     ends = [0.0]
     for wanted in (sample_time_min, *_BLOCK_ENDS_MIN):
@@ -376,7 +376,7 @@ def forecast_of(model: ProfiledModel, sample_time_min: float) -> ForecastSteps:
         number = math.ceil((end - start) / longest - 1e-9)
         lengths += [(end - start) / number] * number
         of_block += [block] * number
-    return ForecastSteps(
+    return _ForecastSteps(
         step=model.steps_of(lengths),
         of_block=jnp.asarray(np.eye(len(ends) - 1)[of_block]),
         block_min=jnp.asarray(np.diff(ends)),

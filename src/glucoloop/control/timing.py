@@ -17,7 +17,7 @@ from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.refusal import Refusal
 
-CLOCK_ERROR_MIN: Final = 0.5
+_CLOCK_ERROR_MIN: Final = 0.5
 """Largest difference between the clocks of a sensor and a controller."""
 
 
@@ -66,7 +66,7 @@ class Stamp:
 
 
 @dataclass(frozen=True)
-class Received:
+class _Received:
     """A received observation in a form that a controller may use."""
 
     observation: Observation
@@ -84,7 +84,7 @@ def received(
     now_min: float,
     *,
     late_after_min: float = 5.0,
-    clock_error_min: float = CLOCK_ERROR_MIN,
+    clock_error_min: float = _CLOCK_ERROR_MIN,
 ) -> Arrival:
     """Classify the arrival of an observation; never raises, for any stamp.
 
@@ -112,8 +112,8 @@ def receive(
     now_min: float,
     *,
     late_after_min: float = 5.0,
-    clock_error_min: float = CLOCK_ERROR_MIN,
-) -> Received:
+    clock_error_min: float = _CLOCK_ERROR_MIN,
+) -> _Received:
     """Convert an observation for a controller: it is valid only if it arrived on time.
 
     Parameters are those of `received`. A late reading is not used, but it is remembered as the newest one; one from the
@@ -133,7 +133,7 @@ def receive(
     arrival = received(last, observation, now_min, late_after_min=late_after_min, clock_error_min=clock_error_min)
     newest = _stamp(observation) if arrival in (Arrival.ON_TIME, Arrival.LATE) else last
     usable = observation.valid if arrival == Arrival.ON_TIME else jnp.zeros_like(observation.valid)
-    return Received(
+    return _Received(
         observation=dataclasses.replace(observation, valid=usable, number=None, read_t_min=None),
         arrival=arrival,
         last=newest,

@@ -18,7 +18,7 @@ from glucoloop.control.part import ControllerPart, SensorLag
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import GLUCOSE_BOUND
 
-LONGEST_MOVE_HORIZON: Final = 50
+_LONGEST_MOVE_HORIZON: Final = 50
 LONGEST_PREDICTION_HORIZON: Final = 288
 
 PredictionHorizon = Annotated[
@@ -65,7 +65,7 @@ class MPCTuning(ControllerPart):
 
     used: ClassVar = ONLY_READINGS
 
-    move_horizon: Annotated[int, About("Number of planned moves, m.", at_least=1, at_most=LONGEST_MOVE_HORIZON)] = 2
+    move_horizon: Annotated[int, About("Number of planned moves, m.", at_least=1, at_most=_LONGEST_MOVE_HORIZON)] = 2
     prediction_horizon: PredictionHorizon = usual(default=8, noisy=10)
     output_weight: OutputWeight = usual(default=1.0, noisy=3.0)
     move_weight: MoveWeight = usual(default=0.0, noisy=1.0)
@@ -137,7 +137,7 @@ NOISY: Final = MPCTuning(move_horizon=2, prediction_horizon=10, output_weight=3.
 
 
 @dataclass(frozen=True)
-class PaperTuning:
+class _PaperTuning:
     """Tuning of the paper's controllers in one setting."""
 
     mpc: MPCTuning
@@ -147,8 +147,8 @@ class PaperTuning:
     """Process noise of glucose, of insulin and its slow effects, and of glucagon, as `process_noise` takes it."""
 
 
-def _tuning(reference_start: int, noisy: bool, noise: tuple[float, float, float]) -> PaperTuning:
-    return PaperTuning(
+def _tuning(reference_start: int, noisy: bool, noise: tuple[float, float, float]) -> _PaperTuning:
+    return _PaperTuning(
         mpc=NOISY if noisy else NOISE_FREE,
         mpc_se=StateTuning(2, 8 if noisy else 7, 1.0, 1.0 if noisy else 0.0, 0.65, reference_start),
         # The paper shows NLQDMC/SE without noise only; with noise it is detuned here as MPC/SE is.

@@ -154,7 +154,7 @@ def noisy_filters(
     without = steady_state_gain(Phi, C, Q, R)
     gains, variances = [np.append(without.gain, 0.0)], [float(without.innovation_covariance)]
     for deviation in LEVELS_MG_DL[1:]:
-        steady = steady_state_gain(*with_error(Phi, C, Q, deviation, correlation), R)
+        steady = steady_state_gain(*_with_error(Phi, C, Q, deviation, correlation), R)
         gains.append(np.asarray(steady.gain))
         variances.append(float(steady.innovation_covariance))
     return NoisyFilters(
@@ -165,7 +165,7 @@ def noisy_filters(
     )
 
 
-def with_error(
+def _with_error(
     Phi: Numbers, C: Numbers, Q: Numbers, deviation_mg_dl: float, correlation: float
 ) -> tuple[Numbers, Numbers, Numbers]:
     """The matrices of a model whose last state is an error of the sensor with a standard deviation."""
@@ -221,7 +221,7 @@ def innovations_of(
 ) -> Innovations:
     """Innovations of filters that were designed for the same model."""
     Phi, C, Q = (np.asarray(a, float) for a in (Phi, C, Q))
-    worlds = [with_error(Phi, C, Q, deviation, float(filters.correlation)) for deviation in LEVELS_MG_DL]
+    worlds = [_with_error(Phi, C, Q, deviation, float(filters.correlation)) for deviation in LEVELS_MG_DL]
     table = np.array([[_innovation(gain, *world, R) for world in worlds] for gain in np.asarray(filters.gain)])
     return Innovations(variance=jnp.asarray(table[..., 0]), correlation=jnp.asarray(table[..., 1]))
 

@@ -6,12 +6,15 @@ the variance explained. Blocks, not single readings, are left out because what a
 over hours (meals that nobody wrote down, exercise, drift), so that the usual standard errors are far too small.
 
 The jackknife tells how a fit varies, not what its functions cannot say: those that end too early give a gain that is
-too small, and always the same. So the response is fitted with slower functions, too, in place of those and beside
-them. Where these predict what was left out as well, or something is left for them to say, the margin reaches the end of
-theirs: the record does not say where the response ends, or says that it ends later.
+too small, and always the same. So the response is fitted again with one function beside those of the fit that is twice
+as slow, and the margin reaches the end of the interval of that gain, as in the bias-corrected intervals of Calonico,
+Cattaneo and Titiunik (2014). It reaches further where the record lets still slower functions stand, beside those of the
+fit or in their place: the record does not say where the response ends, or says that it ends later.
 
 H. R. Künsch, "The jackknife and the bootstrap for general stationary observations", Ann. Statist. 17(3), 1217-1241,
-1989. A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, Sec. 2.4.3.
+1989. S. Calonico, M. D. Cattaneo, R. Titiunik, "Robust nonparametric confidence intervals for regression-discontinuity
+designs", Econometrica 82(6), 2295-2326, 2014. A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable
+Feedback Control, 2nd ed., 2005, Sec. 2.4.3.
 """
 
 from __future__ import annotations
@@ -33,6 +36,9 @@ BLOCKS: Final = 10
 CONFIDENCE: Final = 0.95
 _LONGEST_TAU_MIN: Final = 1000.0
 """Longest time constant of the slower functions, four times that of the slowest that a record chooses."""
+_LONGEST_BESIDE: Final = 1 / 2
+_LONGEST_IN_PLACE: Final = 1 / 4
+"""Longest time constants of slower functions, in lengths of the record: of slower ones it does not show the end."""
 _SLOW_FUNCTIONS: Final = 2
 _MAX_SLOW_FUNCTIONS: Final = 8
 """Slower functions are as many as those of the fit, so that they say as much of how the response begins."""
@@ -120,34 +126,47 @@ def margin_of_slower_functions(
     `columns` ``(n, K)`` of the fit are responses to insulin, of functions with a pole; `of_gain` ``(K,)`` is the share
     of each coefficient in the gain.
 
-    Slower functions stand where they predict left-out readings as well as those of the fit, within one standard error;
-    and beside those of the fit, where their coefficient differs from 0.
+    A function beside those of the fit that is twice as slow always stands; a slower one does where its coefficient
+    differs from 0. Slower functions in place of those of the fit stand where they predict left-out readings as well,
+    within one standard error, and where the first function of the fit has no coefficient beside them that differs
+    from 0.
     """
     errors = held_out_errors(columns, readings)[0]
+    student, length_min = _student(errors.size), insulin_deviation.size * sample_time_min
     number = functions if _SLOW_FUNCTIONS <= functions <= _MAX_SLOW_FUNCTIONS else _SLOW_FUNCTIONS
     k = np.arange(readings.size)[:, None] / readings.size
+    twice_min, *slower_min = _slower_min(-sample_time_min / math.log(pole))
     margin = 0.0
-    for tau_min in _slower_min(-sample_time_min / math.log(pole)):
+    for tau_min in (twice_min, *slower_min):
         slow = math.exp(-sample_time_min / tau_min)
         responses = filtered_input(insulin_deviation, slow, number)[-readings.size :]
-        # what is left of insulin before the record
+        # what is left of insulin before the record, of one function and of all
         left = slow ** (readings.size * k) * k ** np.arange(0 if starts_at_rest else number)
-        in_place = np.concatenate([responses, left, columns[:, functions:]], axis=1)
-        of_in_place = np.concatenate(
-            [np.full(number, laguerre_sum(slow)), np.zeros(left.shape[1]), of_gain[functions:]]
-        )
-        beside = np.concatenate([responses[:, :1], left, columns], axis=1)
-        of_beside = np.concatenate([[laguerre_sum(slow)], np.zeros(left.shape[1]), of_gain])
-        worse = held_out_errors(in_place, readings)[0] - errors
-        coefficient, error = _estimate(beside, readings, np.eye(of_beside.size)[0])
-        for others, of_others, stands in (
-            (in_place, of_in_place, worse.mean() <= worse.std(ddof=1) / math.sqrt(worse.size)),
-            (beside, of_beside, abs(coefficient) > _student(worse.size) * error),
+        others, of_others = columns[:, functions:], of_gain[functions:]
+        nothing, share = np.zeros(left.shape[1]), laguerre_sum(slow)
+        beside = np.concatenate([responses[:, :1], left[:, :1], columns], axis=1)
+        in_place = np.concatenate([responses, left, others], axis=1)
+        alternatives = []
+        if tau_min == twice_min or (
+            tau_min <= _LONGEST_BESIDE * length_min and _first_differs_from_0(beside, readings, student)
         ):
-            if stands:
-                slower, error = _estimate(others, readings, of_others)
-                margin = max(margin, abs(slower - gain) + _student(worse.size) * error)
+            alternatives.append((beside, np.concatenate([[share], nothing[:1], of_gain])))
+        if tau_min == twice_min or tau_min <= _LONGEST_IN_PLACE * length_min:
+            worse = held_out_errors(in_place, readings)[0] - errors
+            as_good = worse.mean() <= worse.std(ddof=1) / math.sqrt(worse.size)
+            with_first = np.concatenate([columns[:, :1], in_place], axis=1)
+            if as_good and not _first_differs_from_0(with_first, readings, student):
+                alternatives.append((in_place, np.concatenate([np.full(number, share), nothing, of_others])))
+        for regressors, of_regressors in alternatives:
+            slower, error = _estimate(regressors, readings, of_regressors)
+            margin = max(margin, abs(slower - gain) + student * error)
     return margin
+
+
+def _first_differs_from_0(columns: Floats, readings: Floats, student: float) -> bool:
+    """Whether the coefficient of the first column differs from 0."""
+    coefficient, error = _estimate(columns, readings, np.eye(columns.shape[1])[0])
+    return abs(coefficient) > student * error
 
 
 def _slower_min(tau_min: float) -> list[float]:

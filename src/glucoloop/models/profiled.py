@@ -56,9 +56,9 @@ Matrix: TypeAlias = "npt.NDArray[np.float64]"
 MEAL_G: Final = 50.0
 ACTION_MIN: Final = 300.0
 """Meal, and time after which insulin has acted, of the titration of `build.titration`."""
-MIN_CORRECTION_SHARE: Final = 0.43
+_MIN_CORRECTION_SHARE: Final = 0.43
 """Least correction factor that is believed, relative to that by the rule of 1800."""
-MIN_CARB_SHARE: Final = 0.29
+_MIN_CARB_SHARE: Final = 0.29
 """Least carbohydrate ratio that is believed, relative to that by the rule of 500."""
 _MIN_U: Final = 0.25
 _MAX_U: Final = 50.0
@@ -135,8 +135,8 @@ class ProfiledModel:
         # a number that is not known stays NaN
         daily_U, by_basal = profile.daily_dose_U(), self.nominal.insulin_mU_min / basal
         own_ratio, own_factor = self.own_carb_ratio_g_U * by_basal, self.own_correction_mg_dl_U * by_basal
-        ratio = jnp.maximum(ratio, jnp.fmin(MIN_CARB_SHARE * CARB_RULE / daily_U, own_ratio))
-        factor = jnp.maximum(factor, jnp.fmin(MIN_CORRECTION_SHARE * CORRECTION_RULE / daily_U, own_factor))
+        ratio = jnp.maximum(ratio, jnp.fmin(_MIN_CARB_SHARE * CARB_RULE / daily_U, own_ratio))
+        factor = jnp.maximum(factor, jnp.fmin(_MIN_CORRECTION_SHARE * CORRECTION_RULE / daily_U, own_factor))
         by_factor = factor / self.own_correction_mg_dl_U
         insulin_gain = _first_known(by_factor, by_basal, 1.0)
         by_ratio, by_weight = insulin_gain * self.own_carb_ratio_g_U / ratio, self.own_weight_kg / weight

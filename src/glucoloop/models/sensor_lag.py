@@ -17,7 +17,7 @@ from glucoloop.sensors.delay import lagged
 
 
 @pytree
-class LaggedModel:
+class _LaggedModel:
     """A nonlinear model and the reading behind a lag, its last state; implements `FedModel`.
 
     Over a sample glucose is taken to change evenly between its values at both ends, as the sensor `lag` does.
@@ -42,7 +42,7 @@ class LaggedModel:
         rest = self.inner.state
         return jnp.append(rest, self.inner.glucose_mg_dl(rest))
 
-    def roughly(self) -> LaggedModel:
+    def roughly(self) -> _LaggedModel:
         """The same model by a less accurate integrator."""
         return dataclasses.replace(self, inner=roughly(self.inner))
 
@@ -72,10 +72,10 @@ class LaggedModel:
         return x[-1]
 
 
-def behind_lag(model: FedModel, lag_min: float) -> LaggedModel:
+def behind_lag(model: FedModel, lag_min: float) -> _LaggedModel:
     """A nonlinear model of a person and of a sensor, whose readings lag by a time constant above 0."""
     _check(lag_min)
-    return LaggedModel(inner=model, lag_min=jnp.asarray(lag_min, float))
+    return _LaggedModel(inner=model, lag_min=jnp.asarray(lag_min, float))
 
 
 def linear_behind_lag(model: ContinuousModel, lag_min: float) -> ContinuousModel:

@@ -22,7 +22,7 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 
 ROUNDS: Final = 4
-SWEEPS: Final = 5
+_SWEEPS: Final = 5
 _MIN_BEND: Final = 1e-12
 _ON_THE_WAY: Final = (1.0, 0.5, 0.2, 0.05)
 
@@ -103,4 +103,4 @@ def _descend(H: jax.Array, gradient: jax.Array, least: jax.Array, most: jax.Arra
             slope, steps[j] = slope + H[:, j] * (wanted - steps[j]), wanted
         return (jnp.stack(steps), slope), None
 
-    return jax.lax.scan(sweep, (jnp.zeros_like(gradient), gradient), None, length=SWEEPS)[0][0]
+    return jax.lax.scan(sweep, (jnp.zeros_like(gradient), gradient), None, length=_SWEEPS)[0][0]

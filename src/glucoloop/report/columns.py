@@ -19,7 +19,8 @@ import polars as pl
 from polars import selectors
 
 from glucoloop.display_units import OTHERS, heading_shown, in_shown_units, other_number, shown_unit
-from glucoloop.metrics.settings import Result, metrics_with
+from glucoloop.metrics.catalogue import metrics_with
+from glucoloop.metrics.metric import Result
 from glucoloop.refusal import Refusal
 from glucoloop.text import NOT_AVAILABLE, glucose_text
 from glucoloop.text import percent as percent_text
@@ -225,11 +226,11 @@ class FittingTable:
         from rich.text import Text
 
         wide = options.update(width=_ANY_WIDTH)
-        shown = copy.copy(self.table)
-        while len(shown.columns) > 1 and Measurement.get(console, wide, shown).minimum > options.max_width:
-            shown.columns = shown.columns[:-1]
-        left_out = len(self.table.columns) - len(shown.columns)
-        yield shown
+        fitted = copy.copy(self.table)
+        while len(fitted.columns) > 1 and Measurement.get(console, wide, fitted).minimum > options.max_width:
+            fitted.columns = fitted.columns[:-1]
+        left_out = len(self.table.columns) - len(fitted.columns)
+        yield fitted
         if left_out:
             columns = "column is" if left_out == 1 else "columns are"
             yield Text(f"For want of room, {left_out} {columns} left out on the right.")

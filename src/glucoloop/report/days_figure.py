@@ -38,17 +38,17 @@ _HEIGHT_MM: Final = 75.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class DaysShown:
-    """Readings of some days with courses beside them, at the same times."""
+class DayTraces:
+    """Readings of some days with trajectories beside them, at the same times."""
 
     first: dt.datetime
     """Local time of the minute 0."""
     t_min: Floats
     reading_mg_dl: Floats
-    course_mg_dl: Mapping[str, Floats]
-    """Courses by name."""
+    trajectory_mg_dl: Mapping[str, Floats]
+    """Trajectories by name."""
     band_mg_dl: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
-    """Bands of courses by the same names."""
+    """Bands of trajectories by the same names."""
     meals: Sequence[tuple[float, float]] = ()
     """Time and carbohydrate of meals."""
 
@@ -65,28 +65,28 @@ class DaysShown:
     @property
     def range_mg_dl(self) -> tuple[float, float]:
         """Ends of the axis of glucose."""
-        tops = [self.reading_mg_dl, *self.course_mg_dl.values(), *(high for _, high in self.band_mg_dl.values())]
+        tops = [self.reading_mg_dl, *self.trajectory_mg_dl.values(), *(high for _, high in self.band_mg_dl.values())]
         highest = max(float(np.nanmax(top)) for top in tops)
         return _LOWEST_MG_DL, min(_LARGEST_MG_DL, max(_MIN_TOP_MG_DL, 1.05 * highest))
 
 
-def days_plot(days: DaysShown, band: str) -> Plot:
+def days_plot(days: DayTraces, band: str) -> Plot:
     """Picture of a page with the same days; `band` says what the bands hold."""
     start = days.t_min[0]
     t_min = days.t_min - start
     panel = Panel(GLUCOSE, days.range_mg_dl, height=330, band=_TARGET_MG_DL, marks=days.marks)
-    for place, (name, trajectory) in enumerate(days.course_mg_dl.items()):
+    for place, (name, trajectory) in enumerate(days.trajectory_mg_dl.items()):
         if name in days.band_mg_dl:
             panel.area(t_min, *days.band_mg_dl[name], place, f"{band}, {name}")
         panel.line(t_min, trajectory, place, name=name, dash=place)
-    readings = len(days.course_mg_dl)
+    readings = len(days.trajectory_mg_dl)
     panel.line(t_min, days.reading_mg_dl, readings, name="readings", dash=readings)
     first = days.first + dt.timedelta(minutes=float(start))
     return Plot(f"Glucose from {days.begins}", float(t_min[-1]), [panel], start_min=60.0 * first.hour + first.minute)
 
 
-def plot_days(days: DaysShown) -> Figure:
-    """Draw readings as dots, and each course as a line with its band."""
+def plot_days(days: DayTraces) -> Figure:
+    """Draw readings as dots, and each trajectory as a line with its band."""
     t_min = days.t_min - days.t_min[0]
     divisor, unit, tick = time_axis(float(t_min[-1]), "double")
     figure = new_figure("double", _HEIGHT_MM, None)
@@ -94,7 +94,7 @@ def plot_days(days: DaysShown) -> Figure:
     for bound in _TARGET_MG_DL:
         axes.axhline(bound, **SETPOINT)
     axes.plot(t_min / divisor, days.reading_mg_dl, ".", color=GREY, markersize=2.0, label="readings")
-    for place, (name, trajectory) in enumerate(days.course_mg_dl.items()):
+    for place, (name, trajectory) in enumerate(days.trajectory_mg_dl.items()):
         style = line_style(place)
         if name in days.band_mg_dl:
             low, high = days.band_mg_dl[name]

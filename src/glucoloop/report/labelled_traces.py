@@ -68,8 +68,8 @@ class PlottedRun:
         reading = np.asarray(trace.reading_mg_dl, float)
         valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
         differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
-        shown = valid & (valid & differs).any()
-        self.reading_t_min, self.reading_mg_dl = sample_t_min[shown], reading[shown]
+        differing = valid & (valid & differs).any()
+        self.reading_t_min, self.reading_mg_dl = sample_t_min[differing], reading[differing]
         # times in min, with U of insulin or g of carbohydrate
         self.boluses = _above_zero(self.t_min, trace.bolus_mU, MU_PER_U)
         self.command_boluses = _above_zero(self.t_min, trace.command_bolus_mU, MU_PER_U)

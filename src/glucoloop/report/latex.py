@@ -115,9 +115,9 @@ def _lines(table: Table) -> Iterator[str]:
 
 def _cells(cells: Sequence[Any], texts: Sequence[str]) -> Iterator[str]:
     for number, (cell, text) in enumerate(zip(cells, texts, strict=True)):
-        shown = _latex_text(text)
+        escaped = _latex_text(text)
         indent = "\\quad " if number == 0 and text.startswith(" ") else ""
-        yield indent + (f"\\textbf{{{shown}}}" if shown and _is_bold(cell) else shown)
+        yield indent + (f"\\textbf{{{escaped}}}" if escaped and _is_bold(cell) else escaped)
 
 
 def _is_bold(cell: Any) -> bool:

@@ -21,7 +21,7 @@ from glucoloop.report._style import (
 )
 from glucoloop.report.record_goals import Goals
 from glucoloop.report.record_groups import Reported
-from glucoloop.report.record_page import MAX_IN_FULL, highest_shown
+from glucoloop.report.record_page import MAX_IN_FULL, top_of_axis_mg_dl
 from glucoloop.units import MIN_PER_H
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def plot_records(records: Sequence[Reported], goals: Goals) -> Figure:
     first = records[:MAX_IN_FULL]
     figure = new_figure("double", _ROW_MM * len(first) + 6.0, None)
     rows = figure.subplots(len(first), 2, squeeze=False, width_ratios=[12.0, 1.0])
-    top = max(highest_shown(record.profile) for record in first)
+    top = max(top_of_axis_mg_dl(record.profile) for record in first)
     for record, (curves, bar) in zip(first, rows, strict=True):
         _draw_profile(curves, record, goals, top)
         _draw_bar(bar, record, goals)

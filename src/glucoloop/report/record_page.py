@@ -18,13 +18,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from glucoloop.display_units import in_both_units, other_number
+from glucoloop.metrics.metric import Result
 from glucoloop.metrics.readings.catalogue import MEASURES
 from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, glucose_episodes
 from glucoloop.metrics.readings.people import PeopleSpread
 from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile, by_time_of_day
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
-from glucoloop.metrics.settings import Result
 from glucoloop.report.charts import GLUCOSE, Panel, Plot
 from glucoloop.report.columns import MetricRow, in_other_unit
 from glucoloop.report.record_goals import HIGHEST_CV_PCT, MIN_ACTIVE_PCT, MIN_DAYS, Goals
@@ -381,7 +381,7 @@ _LARGEST_MG_DL: Final = 400.0
 """Ends of the axis of glucose where no curve needs more, and its largest end."""
 
 
-def highest_shown(profile: DayProfile) -> float:
+def top_of_axis_mg_dl(profile: DayProfile) -> float:
     """Upper end of the axis of glucose: 300 mg/dl, or more where the upper curve needs it, up to 400 mg/dl."""
     highest = float(np.nan_to_num(profile.percentiles_mg_dl[95]).max())
     return min(_LARGEST_MG_DL, max(_AXIS_MG_DL[1], 1.05 * highest))
@@ -389,7 +389,7 @@ def highest_shown(profile: DayProfile) -> float:
 
 def _profile_plot(label: str, profile: DayProfile, goals: Goals) -> Plot:
     """Plot of percentiles over the day."""
-    top = highest_shown(profile)
+    top = top_of_axis_mg_dl(profile)
     panel = _panel(top, goals)
     of = {percentage: np.clip(values, _AXIS_MG_DL[0], top) for percentage, values in profile.percentiles_mg_dl.items()}
     panel.area(profile.t_min, of[5], of[95], 0, "5 to 95 %")
@@ -400,7 +400,7 @@ def _profile_plot(label: str, profile: DayProfile, goals: Goals) -> Plot:
 
 def _medians_plot(reported: Sequence[Reported], goals: Goals) -> Plot:
     """Medians of several records or groups over the day in one plot; of two also the middle halves."""
-    top = max(highest_shown(one.profile) for one in reported)
+    top = max(top_of_axis_mg_dl(one.profile) for one in reported)
     panel = _panel(top, goals)
     for place, one in enumerate(reported):
         of = {at: np.clip(values, _AXIS_MG_DL[0], top) for at, values in one.profile.percentiles_mg_dl.items()}

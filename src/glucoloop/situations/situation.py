@@ -29,7 +29,8 @@ from glucoloop.component.part import Part
 from glucoloop.faults import START, FaultPart
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.settings import MealModelPart, RescuePart
-from glucoloop.metrics.settings import MetricPart, metrics_with
+from glucoloop.metrics.catalogue import metrics_with
+from glucoloop.metrics.metric import Metric
 from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientPart
 from glucoloop.physiology.settings import RhythmPart
 from glucoloop.pumps import PUMPS, PumpPart
@@ -200,7 +201,7 @@ class Situation(Part):
     ] = ()
     warm_up_min: WarmUp = 0.0
     metrics: Annotated[
-        tuple[MetricPart, ...],
+        tuple[Metric, ...],
         Option("Metric beside the usual ones, like sensor-accuracy; repeat it for more.", flag="--metric", rare=True),
     ] = ()
     sample_time_min: Annotated[

@@ -28,7 +28,7 @@ By its kind it has
 - `PlainStudy`: it is carried out in one go by ``results_of(config, progress)``, where `progress` is called with a text
   for what was done or, in a study that counts units, with their number; ``amount(config)`` is that of all. A folder is
   written whole or not at all, with what was found, what was drawn and the configuration. Where ``holds`` or
-  ``complete`` is False among the findings, the exit code is 1; where ``interrupted`` is true, 130. Examples:
+  ``complete`` is False among the results, the exit code is 1; where ``interrupted`` is true, 130. Examples:
   ``studies/tuning``, and ``studies/verification``, which counts its loops and keeps nothing.
 
 What was found is a `storage.results.Results`: plain values, which are the summary and the JSON, and tables by the
@@ -101,6 +101,6 @@ class PlainStudy(Study):
     """A study that is carried out in one go."""
 
     unit: str = ""
-    """Name of the units that are counted while it works, also among its findings: ``"loops"``; none by default."""
+    """Name of the units that are counted while it works, also among its results: ``"loops"``; none by default."""
     keeps_files: bool = True
     """Whether it can write a folder, and read a configuration file."""

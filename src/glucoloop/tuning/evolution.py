@@ -74,20 +74,20 @@ class _Start:
         self._centre, self._population, self._identity, self._start_point = centre, population, identity, start_point
         self._begun, self._most, self._waited = 0, -np.inf, 0
         self._search = self._anew()
-        self._asked = np.zeros((0, 0))
+        self._proposals = np.zeros((0, 0))
 
     def ask(self) -> Array:
         """Points of the next generation, ``(population, dimension)``."""
-        self._asked = np.array([self._search.ask() for _ in range(self._population)])
+        self._proposals = np.array([self._search.ask() for _ in range(self._population)])
         if self._start_point is not None:
-            self._asked[0], self._start_point = self._start_point, None
-        return self._asked
+            self._proposals[0], self._start_point = self._start_point, None
+        return self._proposals
 
     def tell(self, score: Array) -> None:
         """Take the scores, and begin again if there was no progress for long."""
         # the library orders numbers alone
         finite = np.where(np.isfinite(score), score, np.finfo(float).min)
-        self._search.tell([(point, -float(value)) for point, value in zip(self._asked, finite, strict=True)])
+        self._search.tell([(point, -float(value)) for point, value in zip(self._proposals, finite, strict=True)])
         most = float(score.max())
         if most > self._most + _MORE:
             self._most, self._waited = most, 0

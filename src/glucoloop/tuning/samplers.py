@@ -90,13 +90,13 @@ class _Optuna:
             self._study = optuna.create_study(directions=["minimize", "minimize"], sampler=made)
             if start is not None:
                 self._study.enqueue_trial(start)
-        self._asked: list[Any] = []
+        self._proposals: list[Any] = []
 
     def ask(self, number: int) -> list[dict[str, float]]:
         """Ask the study for tunings."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            self._asked = [self._study.ask() for _ in range(number)]
+            self._proposals = [self._study.ask() for _ in range(number)]
             return [
                 {
                     setting.name: setting.rounded(
@@ -104,7 +104,7 @@ class _Optuna:
                     )
                     for setting in self._space
                 }
-                for trial in self._asked
+                for trial in self._proposals
             ]
 
     def tell(self, results: Sequence[Evaluated]) -> None:
@@ -112,7 +112,7 @@ class _Optuna:
         failed = self._optuna.trial.TrialState.FAIL
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            for trial, result in zip(self._asked, results, strict=True):
+            for trial, result in zip(self._proposals, results, strict=True):
                 trial.set_user_attr(_VIOLATION, list(result.violation))
                 if all(map(math.isfinite, result.values)):
                     self._study.tell(trial, result.values)

@@ -159,7 +159,7 @@ class Oref0Settings(ByProfile, name="oref0"):
 
 
 @pytree
-class Oref0State:
+class _Oref0State:
     """Histories, the newest first, and the temporary basal rate in force."""
 
     readings_mg_dl: jax.Array
@@ -222,7 +222,7 @@ class Oref0:
             "max_iob_U": profile.max_iob_U,
         }
 
-    def init(self, observation: Observation) -> Oref0State:
+    def init(self, observation: Observation) -> _Oref0State:
         """State after hours with this reading, the basal rate, no bolus and no meal."""
         zero = jnp.zeros_like(observation.delivered_mU_min)
         reading = self._reading(observation, jnp.broadcast_to(self.setpoint_mg_dl, zero.shape))
@@ -230,7 +230,7 @@ class Oref0:
         def row(count: int) -> jax.Array:
             return jnp.zeros((count, *zero.shape), zero.dtype)
 
-        return Oref0State(
+        return _Oref0State(
             readings_mg_dl=row(READINGS),
             glucose_mg_dl=row(DEVIATIONS + 1) + reading,
             activity_U_min=row(DEVIATIONS),
@@ -244,7 +244,7 @@ class Oref0:
             to_come=no_meals_to_come(observation),
         )
 
-    def step(self, state: Oref0State, observation: Observation) -> tuple[Oref0State, Decision]:
+    def step(self, state: _Oref0State, observation: Observation) -> tuple[_Oref0State, Decision]:
         """Take in what was read, given and announced, and dose."""
         known = is_known(observation)
         zero = jnp.zeros_like(state.gap)
@@ -282,7 +282,7 @@ class Oref0:
         wanted = jnp.where(temp.duration_min > 0.0, temp.rate_U_h * MU_MIN_PER_U_H, self.basal_mU_min)
         decision = decide(wanted, delivered_since(observation, state.requested_mU_min), self.limits, known)
         bolus = jnp.minimum(meal_mU + suggestion.units_U * MU_PER_U, self.bolus.max_mU)
-        after = Oref0State(
+        after = _Oref0State(
             readings_mg_dl=readings,
             glucose_mg_dl=glucose_mg_dl,
             activity_U_min=activity,
@@ -306,7 +306,7 @@ class Oref0:
         reading = jnp.clip(observation.glucose_mg_dl, _LOWEST_MG_DL, _HIGHEST_MG_DL)
         return jnp.where(is_known(observation), reading, otherwise)
 
-    def _given_U(self, state: Oref0State, observation: Observation) -> jax.Array:
+    def _given_U(self, state: _Oref0State, observation: Observation) -> jax.Array:
         """Insulin since the last sample beyond the basal rate, as the pump reports it where that is possible."""
         rate = delivered_since(observation, state.requested_mU_min)
         rate = jnp.clip(rate, self.limits.min_mU_min, self.limits.max_mU_min)

@@ -41,7 +41,7 @@ class _Situation:
 
     def set(self, rate: jax.Array | float, duration: jax.Array | float = 30.0) -> Suggestion:
         """Ask for a rate by ``setTempBasal``."""
-        return set_temp_basal(rate, duration, self.profile, self.temp)
+        return _set_temp_basal(rate, duration, self.profile, self.temp)
 
     def neutral(self) -> Suggestion:
         """The basal rate, unless it runs for over 15 min."""
@@ -50,7 +50,7 @@ class _Situation:
 
     def nothing(self) -> Suggestion:
         """The rate in force goes on."""
-        return suggested(self.temp.rate_U_h, self.temp.duration_min, holds=False)
+        return _suggested(self.temp.rate_U_h, self.temp.duration_min, holds=False)
 
     def scheduled(self) -> jax.Array:
         """``insulinScheduled``: insulin above the basal rate that the rate in force will still give [U]."""
@@ -99,7 +99,7 @@ def determine_basal(
     bg, falls_low = glucose.glucose_mg_dl, ahead.min_guard_bg < threshold
     max_delta = jnp.maximum(jnp.maximum(glucose.delta, glucose.short_avgdelta), glucose.long_avgdelta)
     sudden = max_delta > jnp.minimum(profile.max_delta_bg_threshold, 0.3) * bg
-    smb = micro_bolus_allowed & enable_smb(bg, meal, profile) & ~falls_low & ~sudden
+    smb = micro_bolus_allowed & _enable_smb(bg, meal, profile) & ~falls_low & ~sudden
     expected = rounded(now.bgi + (target_bg - now.eventual_bg) / 24.0, 1)  # expectedDelta
     low, empty = bg < threshold, iob.iob_U < -jnp.asarray(profile.current_basal_U_h) * 20.0 / 60.0
     recovers = low & empty & (now.min_delta > 0.0) & (now.min_delta > expected)
@@ -116,8 +116,8 @@ def determine_basal(
     )
 
 
-def enable_smb(bg: jax.Array, meal: MealData, profile: DosingProfile) -> jax.Array:
-    """``enable_smb``: whether a preference allows microboluses now."""
+def _enable_smb(bg: jax.Array, meal: MealData, profile: DosingProfile) -> jax.Array:
+    """``_enable_smb``: whether a preference allows microboluses now."""
     return (
         jnp.asarray(profile.enable_smb_always)
         | (profile.enable_smb_with_cob & (meal.meal_cob_g > 0.0))
@@ -141,8 +141,8 @@ def _without_reading(seen: _Situation) -> Suggestion:
     temp = seen.temp
     return _first(
         [
-            (temp.rate_U_h > seen.basal, suggested(seen.basal, 30.0)),
-            ((temp.rate_U_h == 0.0) & (temp.duration_min > 30.0), suggested(jnp.zeros_like(seen.basal), 30.0)),
+            (temp.rate_U_h > seen.basal, _suggested(seen.basal, 30.0)),
+            ((temp.rate_U_h == 0.0) & (temp.duration_min > 30.0), _suggested(jnp.zeros_like(seen.basal), 30.0)),
         ],
         seen.nothing(),
     )
@@ -200,13 +200,13 @@ def _raise(seen: _Situation, smb: jax.Array) -> Suggestion:
     smb = smb & (seen.glucose.glucose_mg_dl > seen.threshold)
     bolus, low_rate, minutes = _microbolus(seen, required)
     bolus = jnp.where(smb, bolus, 0.0)
-    safe = max_safe_basal(profile)
+    safe = _max_safe_basal(profile)
     rate = jnp.where(rate > safe, round_basal(safe, profile), rate)
     runs = (temp.duration_min > 5.0) & (round_basal(rate, profile) <= round_basal(temp.rate_U_h, profile))
     enough = seen.scheduled() < required * 2.0
     chosen = _first(
         [
-            (smb & (minutes > 0.0), suggested(low_rate, minutes)),
+            (smb & (minutes > 0.0), _suggested(low_rate, minutes)),
             (enough & runs, seen.nothing()),
         ],
         seen.set(rate),
@@ -248,25 +248,25 @@ def round_basal(rate_U_h: jax.Array, profile: DosingProfile) -> jax.Array:
     return whole(rate_U_h * scale) / scale
 
 
-def max_safe_basal(profile: DosingProfile) -> jax.Array:
+def _max_safe_basal(profile: DosingProfile) -> jax.Array:
     """``getMaxSafeBasal``: the largest temporary basal rate [U/h]."""
     by_day = profile.max_daily_safety_multiplier * jnp.asarray(profile.max_daily_basal_U_h)
     now = profile.current_basal_safety_multiplier * jnp.asarray(profile.current_basal_U_h)
     return jnp.minimum(profile.max_basal_U_h, jnp.minimum(by_day, now))
 
 
-def set_temp_basal(
+def _set_temp_basal(
     rate_U_h: jax.Array | float, duration_min: jax.Array | float, profile: DosingProfile, temp: TempBasal
 ) -> Suggestion:
     """``setTempBasal``: a rate within the limits, unless one within 20 % of it runs long enough."""
-    rate = round_basal(jnp.clip(rate_U_h, 0.0, max_safe_basal(profile)), profile)
+    rate = round_basal(jnp.clip(rate_U_h, 0.0, _max_safe_basal(profile)), profile)
     left, running = temp.duration_min, temp.rate_U_h
     lasts = (left > duration_min - 10.0) & (left <= 120.0)
     alike = (rate <= running * 1.2) & (rate >= running * 0.8)
-    return suggested(rate, duration_min, ~(lasts & alike & (jnp.asarray(duration_min) > 0.0)))
+    return _suggested(rate, duration_min, ~(lasts & alike & (jnp.asarray(duration_min) > 0.0)))
 
 
-def suggested(rate_U_h: jax.Array, duration_min: jax.Array | float, holds: jax.Array | bool = True) -> Suggestion:
+def _suggested(rate_U_h: jax.Array, duration_min: jax.Array | float, holds: jax.Array | bool = True) -> Suggestion:
     """A rate as it is, where it is asked for."""
     rate, duration, holds = jnp.broadcast_arrays(
         rate_U_h, jnp.asarray(duration_min, jnp.asarray(rate_U_h).dtype), holds

@@ -38,7 +38,7 @@ from glucoloop.control.oref0.records import (
     whole,
 )
 
-LAST_MIN: Final = 5.0
+_LAST_MIN: Final = 5.0
 """Time between two readings."""
 _SHORT, _LONG = (1, 2, 3), (4, 5, 6, 7, 8)
 """Readings of the short and the long average, 5 to 15 and 20 to 40 min before the last one."""
@@ -56,13 +56,13 @@ def glucose_get_last(readings_mg_dl: jax.Array) -> GlucoseStatus:
     row = readings_mg_dl[_OLDEST:]
     for late in range(_OLDEST - 1, -1, -1):
         row = jnp.where(age == late, readings_mg_dl[late : READINGS - _OLDEST + late], row)
-    minutes_ago = jnp.where(jnp.any(known[: _OLDEST + 1], axis=0), LAST_MIN * age, 1e3)
+    minutes_ago = jnp.where(jnp.any(known[: _OLDEST + 1], axis=0), _LAST_MIN * age, 1e3)
 
     def mean(which: tuple[int, ...]) -> jax.Array:
         total = count = jnp.zeros_like(row[0])
         for i in which:
             there = row[i] > _MIN_MG_DL
-            total = total + jnp.where(there, (row[0] - row[i]) / (LAST_MIN * i) * 5.0, 0.0)
+            total = total + jnp.where(there, (row[0] - row[i]) / (_LAST_MIN * i) * 5.0, 0.0)
             count = count + there
         return rounded(total / jnp.maximum(count, 1.0), 2)
 
@@ -150,7 +150,7 @@ _Fold: TypeAlias = "tuple[jax.Array, jax.Array, jax.Array, jax.Array]"
 
 
 @pytree
-class CarbAbsorption:
+class _CarbAbsorption:
     """Result of ``detectCarbAbsorption``."""
 
     absorbed_g: jax.Array
@@ -172,7 +172,7 @@ def bucketed(glucose_mg_dl: jax.Array, new_mg_dl: jax.Array, gap: jax.Array) -> 
 
 def detect_carb_absorption(
     glucose_mg_dl: jax.Array, activity_U_min: jax.Array, profile: DosingProfile
-) -> CarbAbsorption:
+) -> _CarbAbsorption:
     """Absorption at each sample, from glucose ``(deviations + 1,)`` and activity ``(deviations,)``, newest first."""
     sens = jnp.asarray(profile.sens_mg_dl_U)
     bgi = rounded(-activity_U_min * sens * 5.0, 2)
@@ -190,7 +190,7 @@ def detect_carb_absorption(
         from_max = jnp.where(then > largest, jnp.minimum(0.0, slope), from_max)
         from_min = jnp.where(then < least, jnp.maximum(0.0, slope), from_min)
         largest, least = jnp.maximum(largest, then), jnp.minimum(least, then)
-    return CarbAbsorption(
+    return _CarbAbsorption(
         absorbed_g=jnp.concatenate([jnp.zeros_like(absorbed[:2]), absorbed]),
         slope_from_max_deviation=from_max,
         slope_from_min_deviation=from_min,

@@ -31,7 +31,7 @@ def fading(disturbance_mg_min: jax.Array, before: Stomach, after: Stomach) -> ja
 
 
 @pytree
-class Linearised:
+class _Linearised:
     """A model about its rest, with the disturbance as its last state: ``x+ = Phi x``, and a reading ``C x``."""
 
     Phi: npt.NDArray[np.float64]
@@ -50,12 +50,12 @@ def _slopes(model: FedModel, x: jax.Array, u: jax.Array) -> tuple[jax.Array, ...
     return *jax.jacfwd(sample, argnums=(0, 1, 2))(x, u, jnp.zeros(())), jax.jacfwd(reading_of(model))(x)
 
 
-def linearised(model: FedModel) -> Linearised:
+def linearised(model: FedModel) -> _Linearised:
     """Linearise a model about its rest, by forward-mode differentiation of one sample."""
     x, u = model.state, jnp.asarray(model.insulin_mU_min, float)
     Phi, Gamma, Psi, C = (np.asarray(part) for part in _slopes(model, x, u))
     n = x.shape[0]
-    return Linearised(
+    return _Linearised(
         Phi=np.block([[Phi, Psi[:, None]], [np.zeros((1, n)), np.ones((1, 1))]]),
         C=np.append(C, 0.0),
         Gamma=Gamma,
@@ -86,7 +86,7 @@ class Waking:
         return x + self.by_disturbance * disturbance, disturbance
 
 
-def waking(linear: Linearised, measurement_variance: float) -> Waking:
+def waking(linear: _Linearised, measurement_variance: float) -> Waking:
     """Prepare the initial estimate from a linearised model."""
     n = linear.Gamma.size
     still = np.eye(n) - linear.Phi[:n, :n]

@@ -64,7 +64,7 @@ class KalmanSettings(EstimatorPart, name="kalman"):
 
 
 @pytree
-class MealKalmanState:
+class _MealKalmanState:
     """State of the estimator."""
 
     mean: jax.Array
@@ -104,12 +104,12 @@ class MealKalman:
         """The same filter: it takes all noise for white."""
         return self
 
-    def init(self, model: FedModel, sensed: Sensed) -> MealKalmanState:
+    def init(self, model: FedModel, sensed: Sensed) -> _MealKalmanState:
         """State of a fasting person at rest; the unexplained part of the first reading counts as lasting emptying."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
         none = jnp.zeros_like(disturbance)
         gut = disturbance * GUT_TIME_CONSTANT_MIN
-        return MealKalmanState(
+        return _MealKalmanState(
             mean=jnp.concatenate([x, jnp.stack([gut, disturbance])]),
             covariance=self.start,
             of_announced=empty_stomach(none, model.sample_time_min),
@@ -119,7 +119,7 @@ class MealKalman:
             carbs_g=none,
         )
 
-    def step(self, model: FedModel, state: MealKalmanState, sensed: Sensed) -> tuple[MealKalmanState, MealEstimate]:
+    def step(self, model: FedModel, state: _MealKalmanState, sensed: Sensed) -> tuple[_MealKalmanState, MealEstimate]:
         """Predict the state, correct it by the reading, and derive the estimate of the meal."""
         h = model.sample_time_min
         announced, served = serve(state.announced, h)
@@ -148,7 +148,7 @@ class MealKalman:
         goes_on = share > _NOTHING
         emptied = jnp.where(goes_on, state.emptied_g + mean[-1] * h / MG_PER_G, 0.0)
         sure = goes_on & (state.sure | (share > 0.5))
-        state = MealKalmanState(
+        state = _MealKalmanState(
             mean=mean,
             covariance=P,
             of_announced=of_announced,
@@ -159,7 +159,7 @@ class MealKalman:
         )
         return state, self._estimate(state, h)
 
-    def _estimate(self, state: MealKalmanState, sample_time_min: float) -> MealEstimate:
+    def _estimate(self, state: _MealKalmanState, sample_time_min: float) -> MealEstimate:
         E, known = state.mean[-1], state.of_announced
         eating = jnp.clip(E / PLATEAU_MG_MIN, 0.0, 1.0)
         return MealEstimate(

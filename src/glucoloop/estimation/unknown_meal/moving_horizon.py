@@ -82,7 +82,7 @@ from glucoloop.refusal import Refusal
 
 Numbers: TypeAlias = "npt.NDArray[np.float64]"
 
-LONGEST_HORIZON: Final = 100
+_LONGEST_HORIZON: Final = 100
 _MIN_GUT_MG: Final = 60.0
 """Content of a gut that is small beside a meal's and counts as that of Lehmann and Deutsch."""
 _LEAST: Final = 1e-30
@@ -156,7 +156,7 @@ class Hypothesis:
 
 
 @pytree
-class MealHorizonState:
+class _MealHorizonState:
     """State of the estimator."""
 
     hypotheses: Hypothesis
@@ -218,7 +218,7 @@ class MealHorizon:
             begins=begins,
         )
 
-    def init(self, model: FedModel, sensed: Sensed) -> MealHorizonState:
+    def init(self, model: FedModel, sensed: Sensed) -> _MealHorizonState:
         """State of a fasting person at rest."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
         fasting = Hypothesis(
@@ -230,13 +230,13 @@ class MealHorizon:
             innovation_mg_dl=jnp.zeros_like(disturbance),
         )
         number = self._hypotheses
-        return MealHorizonState(
+        return _MealHorizonState(
             hypotheses=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[..., None], (*leaf.shape, number)), fasting),
             probability=self.first_sizes[:, None] * np.append(1.0, np.full(number - 1, _LEAST)),
             announced=nothing_announced(disturbance),
         )
 
-    def step(self, model: FedModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
+    def step(self, model: FedModel, state: _MealHorizonState, sensed: Sensed) -> tuple[_MealHorizonState, MealEstimate]:
         """Age the hypotheses by a sample, carry them with the model, and correct them by the reading."""
         announced, served = serve(state.announced, model.sample_time_min)
         # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
@@ -250,7 +250,7 @@ class MealHorizon:
         hypotheses, probability = self._age(state.hypotheses, drifted, begins, ends, fails, returns)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
         hypotheses, probability = self._correct(model, hypotheses, probability, sensed)
-        state = MealHorizonState(
+        state = _MealHorizonState(
             hypotheses=hypotheses,
             probability=probability,
             announced=announce(announced, sensed.announced_carbs_g),
@@ -404,7 +404,7 @@ class MealHorizon:
         )
         return corrected, p / jnp.sum(p)
 
-    def _estimate(self, state: MealHorizonState, sample_time_min: float) -> MealEstimate:
+    def _estimate(self, state: _MealHorizonState, sample_time_min: float) -> MealEstimate:
         """Expected values over the hypotheses."""
         p = jnp.sum(state.probability, axis=0)
         mean: Hypothesis = jax.tree.map(lambda leaf: jnp.sum(leaf * p, axis=-1), state.hypotheses)
@@ -473,9 +473,9 @@ def design_meal_horizon(
     """
     habits = MealHabits() if habits is None else habits
     for samples, what in ((horizon, "a meal horizon"), (fast_horizon, "a horizon of meals through a fast gut")):
-        if isinstance(samples, bool) or not isinstance(samples, int) or not 2 <= samples <= LONGEST_HORIZON:
+        if isinstance(samples, bool) or not isinstance(samples, int) or not 2 <= samples <= _LONGEST_HORIZON:
             raise Refusal(
-                f"{what} of {samples} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}"
+                f"{what} of {samples} samples is not possible; give a whole number from 2 to {_LONGEST_HORIZON}"
             )
     check_variances(disturbance_variance, measurement_variance)
     if not 0.0 < largest_disturbance_mg_min < np.inf:

@@ -140,7 +140,7 @@ class _ReproductionResults:
 
 
 def _compared_results(studies: Mapping[str, PointResults], part: _PaperPart, seed: int) -> Results:
-    """Findings from the results at each operating point."""
+    """Results of the study from those at each operating point."""
     rows = compare(studies, part.entries)
     entries = [
         {

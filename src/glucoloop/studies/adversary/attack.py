@@ -298,12 +298,6 @@ def generations(
         yield _Generation(number=number, score=score, best_score=best_score, best=best)
 
 
-def _worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: Adversary) -> Worst:
-    """Search for the worst errors of a space for one person, see `Attack.person` and `generations`."""
-    *_, last = generations(judge_of(attack, who), space, effort)
-    return worst_of(attack, who, space, last)
-
-
 def judge_of(attack: Attack, who: VirtualPeople) -> Judge:
     """Function that gives the harm done to one person."""
     return lambda errors, stuck_from: attack.harm(who, errors, stuck_from).score

@@ -95,7 +95,7 @@ def results_of(config: Hil, progress: Callable[[int], None]) -> Results:
         "samples": config.samples,
         "holds": not on_chip.differing and not on_chip.counts["contradictions"],
     }
-    loop = run_study.findings(outcome, plain, (*outcome.notes, *_lines(config, exported, on_chip)))
+    loop = run_study.results_of_loop(outcome, plain, (*outcome.notes, *_lines(config, exported, on_chip)))
     firmware = files(exported, config.chip) if config.emulated else portable_files(exported)
     return dataclasses.replace(loop, extra=_OnHardware(loop.extra.outcomes, firmware=firmware))
 

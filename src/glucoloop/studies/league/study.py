@@ -29,10 +29,10 @@ from glucoloop.studies.league.numbers import (
     over_all_cells,
     ranking,
 )
-from glucoloop.studies.league.shown import columns_of
-from glucoloop.studies.league.shown import files_of as files_of
-from glucoloop.studies.league.shown import sentences as sentences
-from glucoloop.studies.league.shown import tables as tables
+from glucoloop.studies.league.report import columns_of
+from glucoloop.studies.league.report import files_of as files_of
+from glucoloop.studies.league.report import sentences as sentences
+from glucoloop.studies.league.report import tables as tables
 from glucoloop.text import how_many
 from glucoloop.trials.engine import prepare, run_people
 from glucoloop.trials.trial import Trial

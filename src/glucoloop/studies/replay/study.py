@@ -24,7 +24,7 @@ from glucoloop.patients.capabilities import sites
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, terminal_table
-from glucoloop.report.days_figure import DaysShown, days_plot, plot_days
+from glucoloop.report.days_figure import DayTraces, days_plot, plot_days
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.simulation.closed_loop import sample_grid
@@ -327,18 +327,18 @@ def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
     return {"page.html": page.encode(), **figure_files("figure", plot_days(days))}
 
 
-def _days_of_picture(replayed: _Replayed) -> DaysShown:
+def _days_of_picture(replayed: _Replayed) -> DayTraces:
     """The last days."""
     days = replayed.days
     begin = max(WARM_UP_MIN, days.length_min - _SHOWN_DAYS * MIN_PER_DAY)
     t_min = replayed.arms[0].t_min
     chosen = t_min >= begin
     bands = {arm.name: np.percentile(arm.glucose_mg_dl[:, chosen], (5.0, 95.0), axis=0) for arm in replayed.arms}
-    return DaysShown(
+    return DayTraces(
         first=days.first,
         t_min=t_min[chosen],
         reading_mg_dl=np.interp(t_min[chosen], days.reading_min, days.reading_mg_dl),
-        course_mg_dl={arm.name: arm.glucose_mg_dl[0, chosen] for arm in replayed.arms},
+        trajectory_mg_dl={arm.name: arm.glucose_mg_dl[0, chosen] for arm in replayed.arms},
         band_mg_dl={name: (low, high) for name, (low, high) in bands.items()},
         meals=days.meals_from(begin),
     )

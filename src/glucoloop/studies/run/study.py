@@ -73,7 +73,7 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
         progress(f"the loop of {case.label}")
     if not isinstance(config, Comparison):
         [outcome] = outcomes.values()
-        return findings(outcome, outcome.report(), outcome.notes)
+        return results_of_loop(outcome, outcome.report(), outcome.notes)
     loops = ClosedLoops(outcomes, bound_of_run(config) if config.bound else None)
     plain: dict[str, Any] = {"cases": {label: outcome.report() for label, outcome in outcomes.items()}}
     if loops.bound is not None:
@@ -94,8 +94,8 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
     return Results(plain, _tables(samples, minutes), loops)
 
 
-def findings(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Results:
-    """Findings of one loop."""
+def results_of_loop(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Results:
+    """Results of one loop."""
     tables = _tables(outcome.trace.to_polars(), stored.minute_table(outcome.trace))
     return Results({**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.called: outcome}))
 

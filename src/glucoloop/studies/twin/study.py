@@ -13,7 +13,7 @@ import tomli_w
 from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, terminal_table
-from glucoloop.report.days_figure import DaysShown, days_plot, plot_days
+from glucoloop.report.days_figure import DayTraces, days_plot, plot_days
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.situations.population import population_keys
@@ -148,7 +148,7 @@ def _text(population: Population) -> bytes:
     return tomli_w.dumps(population_keys(population)).encode()
 
 
-def _days_of_picture(twin: Twin) -> DaysShown:
+def _days_of_picture(twin: Twin) -> DayTraces:
     """Readings, the twin and its band: of the days held out, or of the last two that were used."""
     days, held_out = twin.days, twin.held_out
     begin = days.length_min - 2.0 * MIN_PER_DAY if held_out is None else twin.fitted_min[1]
@@ -159,11 +159,11 @@ def _days_of_picture(twin: Twin) -> DaysShown:
         if held_out is None
         else (held_out.low_mg_dl, held_out.high_mg_dl)
     )
-    return DaysShown(
+    return DayTraces(
         first=days.first,
         t_min=days.reading_min[chosen],
         reading_mg_dl=days.reading_mg_dl[chosen],
-        course_mg_dl={"twin": trajectories[0]},
+        trajectory_mg_dl={"twin": trajectories[0]},
         band_mg_dl={"twin": (band[0], band[1])},
         meals=days.meals_from(begin),
     )
