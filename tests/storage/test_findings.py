@@ -22,7 +22,7 @@ RUN = _StudyRun(
     study=SimpleNamespace(name="test"),
     output=SimpleNamespace(json=False, out=None),
     module=SimpleNamespace(tables=tables, sentences=lambda asked, found: [f"{len(found.rows)} rows."]),
-    asked=None,
+    config=None,
 )
 WHOLE = {"version": "0", "rows": [{"name": "a", "value": 1.5}], "notes": ["A note."]}
 

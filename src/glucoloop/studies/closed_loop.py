@@ -196,7 +196,7 @@ def _notes_on_patient(situation: Situation, controller: Controller) -> Iterator[
     if situation.patient.subcutaneous:
         basal = float(situation.nominal.basal_insulin_mU_min)
         yield (
-            f"Insulin is given under the skin; the basal rate is {basal:.4g} mU/min ({u_h_from_mu_min(basal):.4g} U/h)."
+            f"Insulin is given subcutaneously; the basal rate is {basal:.4g} mU/min ({u_h_from_mu_min(basal):.4g} U/h)."
         )
     elif gives_boluses(controller):
         yield INTRAVENOUS_BOLUS
