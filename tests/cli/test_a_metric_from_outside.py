@@ -99,12 +99,12 @@ def test_results_that_the_entry_does_not_say_are_refused(outside, monkeypatch):
     module = __import__("your_own_metric")
 
     class Other(module.TightRange, name="other"):
-        results = (Result("something_else", ""),)
+        results = (Result("something_else", ""), Result("another", ""))
 
     monkeypatch.setattr(module, "Other", Other, raising=False)
     fold = RunningMetrics(setpoint_mg_dl=80.0, inside_min=(1.0,), further=("your_own_metric:Other",))
     tally = fold.init(jnp.asarray(100.0), jnp.asarray(0.0))
-    with pytest.raises(ValueError, match="gives time_70_140_pct, but its entry says something_else"):
+    with pytest.raises(ValueError, match="gives something_else, but its entry says another, something_else"):
         fold.finish(tally, samples=1, sample_time_min=1.0, meal_t_min=0.0)
 
 
