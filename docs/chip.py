@@ -7,7 +7,7 @@
 
 A cell is a controller, bare or guarded, in float32 or float64, on this computer or on an emulated chip. Its samples
 come in runs of 100: each is a closed loop with meals and faults of its own, whose last sixth is told absurd numbers.
-Controllers that give boluses have a patient with insulin under the skin, and are told of the meals.
+Controllers that give boluses have a patient with subcutaneous insulin, and are told of the meals.
 What was found is kept in ``chip_results.json`` after every step, and a later call goes on from there; what was found of
 a controller counts only as long as its design gives the same C. ``guide/chip_figures.md`` is written from it. Quick
 cells come first. The compilers, QEMU, cppcheck and Frama-C that ``guide/chip.md`` names are needed.

@@ -28,8 +28,8 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS, TIMING
 from glucoloop.firmware.safety import SafetyFile
 from glucoloop.lab import pack
+from glucoloop.metrics.catalogue import METRICS
 from glucoloop.metrics.readings import MEASURES
-from glucoloop.metrics.settings import METRICS
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.reproduction.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
 from glucoloop.situations.option import PANELS

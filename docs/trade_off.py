@@ -32,12 +32,12 @@ TARGETS = (
 )
 RULES = {
     "All rules": {},
-    "Insulin on board without a target that rests on the reading": {"fall_mg_dl": NO_TARGET},
+    "Insulin on board without a target that depends on the reading": {"fall_mg_dl": NO_TARGET},
     "A reading held for over 10 min allows as much as one that repeats": {"unchanged_min": 10_000.0},
     "Both of these left out": {"fall_mg_dl": NO_TARGET, "unchanged_min": 10_000.0},
     "No suspension": {"low_mg_dl": 0.0, "ahead_min": 0.0, "hysteresis_mg_dl": 0.0},
     "A jump of the reading is not put down to the sensor": {"doubt_tau_min": 0.01},
-    "A rise of any speed is believed": {"fastest_mg_dl_min": 1000.0},
+    "A rise of any speed is accepted": {"fastest_mg_dl_min": 1000.0},
 }
 
 

@@ -1,4 +1,4 @@
-"""A patient of your own: Bergman's minimal model, insulin into a vein, with exercise and rhythms.
+"""A patient of your own: Bergman's minimal model, intravenous insulin, with exercise and rhythms.
 
     glucoloop run --patient bergman:Minimal --controller pid --exercise "40%@2h/30min" --rhythm visentin-2015
 
@@ -56,7 +56,7 @@ MODEL = Bergman.model({"at-90": 90.0}, populations)
 
 
 class Minimal(PatientPart, name="bergman:Minimal"):  # a name that is found wherever the module is
-    """Bergman's minimal model, insulin into a vein, 70 kg."""
+    """Bergman's minimal model, intravenous insulin, 70 kg."""
 
     model = "bergman:MODEL"
     operating_points = (OperatingPoint("at-90", "held at 90 mg/dl by 27.7 mU/min"),)

@@ -6,7 +6,8 @@ import polars as pl
 import pytest
 
 from glucoloop.metrics import RunningMetrics
-from glucoloop.metrics.settings import METRICS, RESULTS, Result, metrics_with
+from glucoloop.metrics.catalogue import METRICS, RESULTS, metrics_with
+from glucoloop.metrics.metric import Result
 
 NAME = "your_own_metric:TightRange"
 SHORT = ("--controller", "basal", "--duration", "60", "--meal", "50g@10min", "--metric")
@@ -58,7 +59,7 @@ def test_it_is_a_column_of_a_trial_and_agrees_with_the_run(outside, glucoloop, t
     ("name", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_metric:PointsInRange", "your_own_metric:PointsInRange is no metric: make it a class of MetricPart"),
+        ("your_own_metric:Result", "your_own_metric:Result is no metric: make it a class of Metric"),
         ("nothing", "unknown metric 'nothing'"),
         (f"{NAME}, lows=1", "the metric tight-range has no setting 'lows'; the known ones are: low_mg_dl, high_mg_dl"),
         (f"{NAME}, low_mg_dl=-1", "low_mg_dl is -1 mg/dl; give a whole number of 0 mg/dl or more"),
@@ -98,12 +99,12 @@ def test_results_that_the_entry_does_not_say_are_refused(outside, monkeypatch):
     module = __import__("your_own_metric")
 
     class Other(module.TightRange, name="other"):
-        results = (Result("something_else", ""),)
+        results = (Result("something_else", ""), Result("another", ""))
 
     monkeypatch.setattr(module, "Other", Other, raising=False)
     fold = RunningMetrics(setpoint_mg_dl=80.0, inside_min=(1.0,), further=("your_own_metric:Other",))
     tally = fold.init(jnp.asarray(100.0), jnp.asarray(0.0))
-    with pytest.raises(ValueError, match="gives time_70_140_pct, but its entry says something_else"):
+    with pytest.raises(ValueError, match="gives something_else, but its entry says another, something_else"):
         fold.finish(tally, samples=1, sample_time_min=1.0, meal_t_min=0.0)
 
 

@@ -150,7 +150,7 @@ def test_families_of_equations_are_chosen_by_keys_and_name_their_people(shown, f
     chosen, title, legend, hint, command, wide = shown["used"][family]
     assert chosen == family
     assert title == "Insulin, U/h"
-    assert "the most the pump gives, 30.000, lies above" in legend
+    assert "maximum rate of the pump, 30.000, is above the range shown" in legend
     assert hint.startswith(f"The page draws nobody around {family}; copy the command for people below")
     assert command.startswith(f"glucoloop trial --people 100 --patient {family} ")
     assert command.endswith(f"--population {population}")

@@ -144,7 +144,7 @@ await page.locator("#controller").selectOption("pid");
 await drawn(page);
 used.after = await of(page, "#said");
 await page.locator("#insulin-unit").selectOption("mU/min");
-const preset = page.locator("#presets a", { hasText: "insulin under the skin" });
+const preset = page.locator("#presets a", { hasText: "subcutaneous insulin" });
 await preset.evaluate((link) => link.click());
 await drawn(page);
 await page.locator("#people-try").click();

@@ -3,7 +3,7 @@
 import numpy as np
 
 from glucoloop.metrics import Metrics
-from glucoloop.metrics.settings import RESULTS
+from glucoloop.metrics.catalogue import RESULTS
 
 
 def metrics_of(value, **changed):

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from glucoloop.metrics.protocol import of_glucose
+from glucoloop.metrics.metric import of_glucose
 from glucoloop.metrics.regulation import Settling
 
 T = np.arange(601.0)

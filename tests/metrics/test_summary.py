@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from glucoloop.control.protocol import Status
 from glucoloop.metrics import summarise
-from glucoloop.metrics.settings import RESULTS
+from glucoloop.metrics.catalogue import RESULTS
 from glucoloop.pumps.limits import DoseLimits
 
 

@@ -17,7 +17,7 @@ from glucoloop.report.trial_report import (
 )
 from glucoloop.storage.results import Results
 from glucoloop.studies.stress.study import NO_FAULT
-from glucoloop.trials.bins import BAND_QUANTILES
+from glucoloop.trials.quantiles import BAND_QUANTILES
 from glucoloop.tuning.surface import TuningSurface
 from made_trace import trace_of
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from glucoloop.metrics.settings import RESULTS
+from glucoloop.metrics.catalogue import RESULTS
 from glucoloop.patients.population import draw
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms

@@ -202,7 +202,7 @@ def test_all_who_are_in_a_table_are_usual(folder):
             {"patient": "kanderian-2009", "meals": ["own"], "duration_min": "10h"},
             "the own day of '1': the meal at 720 min",
         ),
-        ({"profile_by": "titration"}, "parker-1999 gets insulin into a vein, where a bolus acts for minutes"),
+        ({"profile_by": "titration"}, "parker-1999 gets intravenous insulin, where a bolus acts for minutes"),
     ],
 )
 def test_a_trial_that_cannot_be_is_refused(keys, told):

@@ -11,9 +11,9 @@ from glucoloop.cli.study_command import _StudyRun
 from glucoloop.storage.results import Results
 
 
-def tables(asked, found):
+def tables(config, results):
     table = Table("Name", "Value")
-    for row in found.rows:
+    for row in results.rows:
         table.add_row(row["name"], f"{row['value']:.1f}")
     yield table
 
@@ -21,8 +21,9 @@ def tables(asked, found):
 RUN = _StudyRun(
     study=SimpleNamespace(name="test"),
     output=SimpleNamespace(json=False, out=None),
-    module=SimpleNamespace(tables=tables, sentences=lambda asked, found: [f"{len(found.rows)} rows."]),
-    asked=None,
+    module=SimpleNamespace(tables=tables, sentences=lambda config, results: [f"{len(results.rows)} rows."]),
+    config=None,
+    without_effect=(),
 )
 WHOLE = {"version": "0", "rows": [{"name": "a", "value": 1.5}], "notes": ["A note."]}
 

@@ -13,13 +13,13 @@ from glucoloop.build.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import summarise
-from glucoloop.metrics.settings import RESULTS
+from glucoloop.metrics.catalogue import RESULTS
 from glucoloop.patients.population import virtual_people
 from glucoloop.simulation import Exponential, simulate
 from glucoloop.situations.situation import configured
 from glucoloop.trials import blocks
-from glucoloop.trials.bins import glucose_edges, insulin_edges
 from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.quantiles import glucose_edges, insulin_edges
 from glucoloop.trials.trial import Trial
 
 METRIC_NAMES = [result.name for result in RESULTS]

@@ -9,8 +9,8 @@ from glucoloop.simulation import cohort
 from glucoloop.situations.situation import configured
 from glucoloop.trials import engine
 from glucoloop.trials import trial as trials
-from glucoloop.trials.bins import bin_numbers, glucose_edges, insulin_edges, times_pct
 from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.quantiles import bin_numbers, glucose_edges, insulin_edges, times_pct
 from glucoloop.trials.trial import Trial
 
 KEYS = {

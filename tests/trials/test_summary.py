@@ -6,8 +6,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from glucoloop.metrics.catalogue import RESULTS
 from glucoloop.metrics.control_variability import grid_counts
-from glucoloop.metrics.settings import RESULTS
 from glucoloop.trials.people import PeopleRows
 from glucoloop.trials.summary import DISTRIBUTIONS, MAX_NAMED, summarise_people
 

@@ -27,7 +27,7 @@ from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.bounds.trajectory import RunModel, trajectory_of
 from glucoloop.control.design_case import check_sample_time
 from glucoloop.meals import Meal, Scenario
-from glucoloop.metrics.protocol import of_glucose
+from glucoloop.metrics.metric import of_glucose
 from glucoloop.metrics.regulation import Settling
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits

@@ -26,7 +26,7 @@ HOMES: Final = {
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
     "rhythm": "glucoloop.physiology.settings:RHYTHMS",
-    "metric": "glucoloop.metrics.settings:METRICS",
+    "metric": "glucoloop.metrics.catalogue:METRICS",
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
     "reader": "glucoloop.records.readers:READERS",

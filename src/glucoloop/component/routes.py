@@ -29,7 +29,7 @@ is three times the nominal rate and keeps plasma insulin below 100 mU/l."""
 _PUMP_UNDER_THE_SKIN: Final = PumpRange(max_change_mU_min=500.0, max_mU_min=500.0)
 """Range of pumps in use, 30 U/h, any of it at once."""
 
-# Insulin under the skin acts for hours, of each patient for others: horizons follow from the model. A step larger than
+# Subcutaneous insulin acts for hours, of each patient for others: horizons follow from the model. A step larger than
 # 1 mU/min would be fitted to glucose so low that less of it is taken up.
 _BY_THE_MODEL: Final = Default(0)
 _SMALL_STEP: Final = Default(1.0)
@@ -80,7 +80,7 @@ class Route:
 
 ROUTES: Final[Mapping[str, Route]] = {
     INTRAVENOUS: Route(pump=PUMP_OF_1999, memory_min=180.0, laguerre_pole=0.84, laguerre_functions=2),
-    # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
+    # Subcutaneous insulin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
     # would hide half of the gain.
     SUBCUTANEOUS: Route(
         pump=_PUMP_UNDER_THE_SKIN, memory_min=1440.0, laguerre_pole=0.96, laguerre_functions=8, tunings=_SLOW_TUNINGS

@@ -48,7 +48,10 @@ class BasalBolusSettings(ByProfile, name="basal-bolus"):
     carb_ratio_g_U: CarbRatio = 0.0
     correction_mg_dl_U: CorrectionFactor = 0.0
     insulin_on_board_min: Annotated[
-        float, About("Minutes after which 5 % of a bolus is still under the skin.", above=0.0, quantity=ACTION_TIME)
+        float,
+        About(
+            "Minutes after which 5 % of a bolus is still in the subcutaneous depots.", above=0.0, quantity=ACTION_TIME
+        ),
     ] = 300.0
     correction_above_mg_dl: Annotated[
         float,

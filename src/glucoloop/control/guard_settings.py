@@ -63,7 +63,7 @@ class GuardSettings(Part, name="usual"):
 
     See `control.guarded`. Values without a source were chosen by the experiments of the guide.
 
-    The defaults are for insulin into a vein; `for_route` gives those for insulin under the skin. Their sources:
+    The defaults are for intravenous insulin; `for_route` gives those for subcutaneous insulin. Their sources:
 
     - readings: sensors give 40 to 400 mg/dl, meters 20 to 600;
     - fastest rise, against the last accepted reading: healthy people pass 2 mg/dl/min in about 1 % of the time

@@ -26,7 +26,7 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.units import MU_PER_U
 
 _TIME_CONSTANTS_MIN: Final = (50.0, 70.0, 55.0)
-"""Time constants of insulin under the skin, in plasma and at its effect, each a lag of gain 1. Ruiz et al. print the
+"""Time constants of subcutaneous insulin, in plasma and at its effect, each a lag of gain 1. Ruiz et al. print the
 matrix for steps of 1 min, in which 0.9802, 0.98582 and 0.98198 are ``exp(-1/50)``, ``exp(-1/70)`` and ``exp(-1/55)``.
 """
 FEEDBACK: Final = (0.64935, 0.34128, 0.0093667)
@@ -54,7 +54,7 @@ class _PIDIFBState:
     last_mg_dl: jax.Array
     integral_mU_min: jax.Array
     insulin_mU_min: jax.Array
-    """(3, ...) modelled insulin under the skin, in plasma and at its effect, as the rate that would hold it."""
+    """(3, ...) modelled subcutaneous insulin, in plasma and at its effect, as the rate that would hold it."""
     rate_mU_min: jax.Array
     """Rate in force."""
     requested_mU_min: jax.Array

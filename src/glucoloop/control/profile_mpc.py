@@ -1,4 +1,4 @@
-"""Nonlinear model predictive control by a person's profile, with announced meals, for insulin under the skin.
+"""Nonlinear model predictive control by a person's profile, with announced meals, for subcutaneous insulin.
 
 The idea of a forecast by the person's equations, a meal that is announced and costs that are dearer below the target
 is that of R. Hovorka et al., Physiol. Meas. 25, 2004, 905-920, and D. Boiroux, J. B. Jørgensen, "Nonlinear model
@@ -54,7 +54,7 @@ _MIN_VARIANCE: Final = 0.25
 
 
 class ProfileMPCSettings(ByProfile, name="profile-mpc"):
-    """Predictive control by the profile of a person, with boluses for announced meals; for insulin under the skin."""
+    """Predictive control by the profile of a person, with boluses for announced meals; for subcutaneous insulin."""
 
     sources = ("hovorka2004", "boiroux2018", "diehl2005")
     slow: ClassVar = True

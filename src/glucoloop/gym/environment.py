@@ -228,7 +228,7 @@ class GlucoseVectorEnv(_MadeAgain, VectorEnv[Floats, npt.NDArray[Any], npt.NDArr
 class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
     """One person whose insulin an agent doses, in the situation of a trial.
 
-    Actions are the basal rate [U/h] and, where insulin is given under the skin, a bolus [U] that is given at the
+    Actions are the basal rate [U/h] and, where insulin is given subcutaneously, a bolus [U] that is given at the
     beginning of the step, within the limits of the pump. Observations are named in ``observation_names``, with units in
     ``observation_units``: the latest valid reading (the target before the first) and its age, the insulin of the last
     step as the pump reports it, the announced carbohydrate of the coming step, and the time of day; with

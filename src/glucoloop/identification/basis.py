@@ -23,7 +23,7 @@ from glucoloop.identification.reliability import held_out_errors
 Floats = npt.NDArray[np.float64]
 
 _BETWEEN: Final = ((360.0, 0.92, 2, False), (720.0, 0.96, 2, False), (1440.0, 0.98, 2, False), (480.0, 0.93, 6, True))
-"""Memory in min, pole at 5-min samples, functions, and whether insulin is given under the skin."""
+"""Memory in min, pole at 5-min samples, functions, and whether insulin is given subcutaneously."""
 _POLES_AT_MIN: Final = 5.0
 
 

@@ -105,7 +105,7 @@ def identify_record(
     laguerre_functions : int, None or "usual"
         Number of Laguerre functions, from 1 to M; None leaves the estimate as it is.
     subcutaneous : bool, optional
-        Whether insulin is given under the skin, so that its response begins at 0 with a slope of 0 and is never above
+        Whether insulin is given subcutaneously, so that its response begins at 0 with a slope of 0 and is never above
         0; see `identification.subcutaneous_response`.
     basal_insulin_mU_min : float, optional
         Rate before the record, from which deviations are taken [mU/min]. By default the record's median, which is the
@@ -120,7 +120,7 @@ def identify_record(
     Notes
     -----
     Memory, pole, functions and route that are not given are the paper's for "csrs": 3 hours, .84 at 5-min samples, 2,
-    and insulin into a vein. For "least-squares" they are chosen by how well readings left out of the fit are predicted,
+    and intravenous insulin. For "least-squares" they are chosen by how well readings left out of the fit are predicted,
     see `identification.basis`.
 
     Raises

@@ -1,6 +1,6 @@
-"""Response to insulin under the skin, fitted with what is known of it beforehand: its sign, and how it begins.
+"""Response to subcutaneous insulin, fitted with what is known of it beforehand: its sign, and how it begins.
 
-Insulin under the skin passes depots, plasma and its sites of action before glucose falls. The impulse response begins
+Subcutaneous insulin passes depots, plasma and its sites of action before glucose falls. The impulse response begins
 at 0 with a slope of 0, and no coefficient is above 0. Without that a fit of Laguerre functions to a response that
 begins late puts a rise of glucose before the fall.
 
@@ -41,7 +41,7 @@ def subcutaneous_basis(pole: float, functions: int, memory: int) -> Floats:
 
 def filtered_input(insulin_deviation: npt.ArrayLike, pole: float, functions: int) -> Floats:
     """Responses ``(N + 1, L)`` of the Laguerre functions to a whole record of N samples that starts at rest."""
-    from scipy.signal import fftconvolve  # half a second, and only for insulin under the skin
+    from scipy.signal import fftconvolve  # half a second, and only for subcutaneous insulin
 
     insulin = np.asarray(insulin_deviation, float)
     rows = np.asarray(laguerre_functions(pole, functions, max(functions, insulin.size)))[:, : insulin.size]
@@ -51,7 +51,7 @@ def filtered_input(insulin_deviation: npt.ArrayLike, pole: float, functions: int
 
 
 def subcutaneous_coefficients(columns: Floats, readings: Floats, pole: float, functions: int, memory: int) -> Floats:
-    """Laguerre coefficients of the response to insulin under the skin that fits the readings best.
+    """Laguerre coefficients of the response to subcutaneous insulin that fits the readings best.
 
     The columns ``(N, L)`` are responses of the functions to the insulin, and readings ``(N,)`` or ``(N, people)``
     glucose, both less what is fitted beside them, like a baseline; `memory` is the number of coefficients whose sign is

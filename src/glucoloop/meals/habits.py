@@ -126,7 +126,7 @@ class SnackSettings(HabitPart, name="snack"):
     time_spread_min: Annotated[
         float, About("Largest deviation of its time, drawn for each day.", at_least=0.0, at_most=_LONGEST_MIN)
     ] = 0.0
-    announced: Annotated[bool, About("Whether the controller is told of it: true or false.")] = False
+    announced: Annotated[bool, About("Whether it is announced to the controller: true or false.")] = False
 
     def refuse_in(self, plan: MealPlan) -> None:
         """Refuse a snack after the end."""

@@ -8,14 +8,14 @@ self-monitoring of blood glucose", Diabetes Care 10(5), 622-628, 1987: the zones
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
-from glucoloop.metrics.protocol import Ended, Metric, Trajectory, count
-from glucoloop.simulation.loop import Sampled
+from glucoloop.metrics.metric import Ended, Metric, Result, Trajectory, count
+
+if TYPE_CHECKING:
+    from glucoloop.simulation.loop import Sampled
 
 ZONES = ("a", "b", "c", "d", "e")
 
@@ -48,6 +48,15 @@ def clarke_zones(glucose_mg_dl: jax.Array, reading_mg_dl: jax.Array) -> dict[str
     return {zone: result[zone] for zone in ZONES}
 
 
+_CLARKE: Final = {
+    "A": "accurate",
+    "B": "off with little consequence",
+    "C": "which would lead to a treatment that is not needed",
+    "D": "which would hide low or high glucose",
+    "E": "which would lead to the opposite treatment",
+}
+
+
 @pytree
 class _Sums:
     readings: jax.Array
@@ -57,12 +66,35 @@ class _Sums:
     zones: dict[str, jax.Array]
 
 
-class SensorAccuracy(Metric):
-    """Differences of the readings from glucose of the patient at the samples; samples without a reading do not count.
+class SensorAccuracy(Metric, name="sensor-accuracy"):
+    """Accuracy of the readings: mean absolute relative difference, bias and error grid.
+
+    Differences of the readings from glucose of the patient at the samples; samples without a reading do not count.
 
     Glucose is that which is controlled, so that the lag of tissue under the skin is part of the difference, as in
     trials of sensors against samples of blood.
     """
+
+    section = "Sensor"
+    sources = ("clarke1987",)
+    numbers = (
+        Result(
+            "mard_pct",
+            "Mean absolute relative difference of the readings from the patient's glucose at the samples.",
+            "Mean absolute relative difference",
+            "%",
+        ),
+        Result("reading_bias_mg_dl", "Mean difference of the readings from it.", "Bias of the readings", "mg/dl"),
+        *(
+            Result(
+                f"clarke_{zone.lower()}_pct",
+                f"Percentage of the readings in zone {zone} of Clarke's error grid, {what}.",
+                f"Error grid, zone {zone}",
+                "%",
+            )
+            for zone, what in _CLARKE.items()
+        ),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
         zero = jnp.zeros_like(glucose_mg_dl)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Status
-from glucoloop.metrics.protocol import Ended, Metric, Trajectory, count
-from glucoloop.simulation.loop import Sampled
+from glucoloop.metrics.metric import Ended, Metric, Result, Trajectory, count
+from glucoloop.units import MU_PER_U
+
+if TYPE_CHECKING:
+    from glucoloop.simulation.loop import Sampled
 
 _STATUS: Final = {
     "saturated": (Status.SATURATED,),
@@ -23,6 +24,10 @@ _STATUS: Final = {
     "dose_limited": (Status.DOSE_LIMITED,),
 }
 """Statuses that are counted together, by the end of the name of the result."""
+
+
+def _samples(name: str, where: str, title: str, *, seldom: bool = False) -> Result:
+    return Result(f"samples_{name}", f"Samples {where}.", title, digits=0, seldom=seldom)
 
 
 @pytree
@@ -39,8 +44,45 @@ class _Doses:
     most_off_in_a_row: jax.Array
 
 
-class Insulin(Metric):
-    """Total insulin, boluses included, the time without any, and the changes of the rate, the first from rest."""
+class Insulin(Metric, name="insulin"):
+    """Insulin delivered and its changes.
+
+    Total insulin, boluses included, the time without any, and the changes of the rate, the first from rest.
+    """
+
+    section = "Insulin"
+    always = True
+    numbers = (
+        Result(
+            "insulin_total_mU",
+            "Insulin delivered over the run.",
+            "Insulin delivered",
+            "U",
+            digits=2,
+            divisor=MU_PER_U,
+        ),
+        Result(
+            "insulin_off_min",
+            "Time of the samples at which the pump delivered no insulin at all.",
+            "Time without insulin",
+            "min",
+            0,
+        ),
+        Result(
+            "longest_insulin_off_min",
+            "Longest time without insulin that no delivery interrupts.",
+            "  longest",
+            "min",
+            0,
+        ),
+        Result(
+            "insulin_total_variation_mU_min",
+            "Sum of the absolute changes from sample to sample, the first from the rate at rest.",
+            "Total variation",
+            "mU/min",
+        ),
+        Result("largest_change_mU_min", "Largest of these changes.", "Largest change", "mU/min"),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Doses:
         zero = jnp.zeros_like(glucose_mg_dl)
@@ -90,11 +132,23 @@ class _Extremes:
     minimum_mg_dl: jax.Array
 
 
-class Constraints(Metric):
-    """Constraints (17) to (19) of Parker, Doyle & Peppas 1999, on the rate, its changes, and glucose.
+class Constraints(Metric, name="constraints"):
+    """Constraints of Parker, Doyle and Peppas (1999).
+
+    Constraints (17) to (19) of Parker, Doyle & Peppas 1999, on the rate, its changes, and glucose.
 
     Values that are not finite violate every constraint. The first change is that from the rate at rest.
     """
+
+    section = "Bounds of Parker et al. (1999)"
+    always = True
+    sources = ("parker1999",)
+    numbers = (
+        Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Change of the rate"),
+        Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Rate"),
+        Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Glucose not below 60 mg/dl"),
+        Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Extremes:
         zero = jnp.zeros_like(glucose_mg_dl)
@@ -136,8 +190,43 @@ class Constraints(Metric):
         }
 
 
-class Samples(Metric):
-    """Numbers of samples at which controller or guard met a difficulty, by status, and of those without a reading."""
+class Samples(Metric, name="samples"):
+    """Samples at which the controller or its guard met a difficulty.
+
+    Numbers of samples at which controller or guard met a difficulty, by status, and of those without a reading.
+    """
+
+    section = "Samples"
+    always = True
+    numbers = (
+        _samples("saturated", "at which the controller wanted a dose beyond its limits", "Dose beyond limits"),
+        _samples("missing", "without a valid, finite reading", "Reading missing"),
+        _samples("not_converged", "at which an optimisation did not converge", "Not converged"),
+        _samples(
+            "non_finite",
+            "at which the controller computed no finite dose, or was restarted by its guard because of that",
+            "Dose not finite",
+        ),
+        _samples(
+            "rejected",
+            "at which the guard rejected a reading; 0, like the next three, without a guard",
+            "Reading not believed",
+            seldom=True,
+        ),
+        _samples(
+            "fallback",
+            "at which the guard gave at most the basal rate, because readings were missing",
+            "Fallback to the basal rate",
+            seldom=True,
+        ),
+        _samples("suspended", "at which the guard suspended insulin", "Insulin suspended", seldom=True),
+        _samples(
+            "dose_limited",
+            "at which the guard cut the dose to its limit per hour or of insulin on board",
+            "Dose cut by the guard",
+            seldom=True,
+        ),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
         return {name: jnp.zeros_like(glucose_mg_dl) for name in (*_STATUS, "missing")}
@@ -163,8 +252,17 @@ class _Eaten:
     times: jax.Array
 
 
-class Rescues(Metric):
-    """Carbohydrate that the person ate against low glucose, and how often."""
+class Rescues(Metric, name="rescues"):
+    """Carbohydrate that the person ate against low glucose, where the loop has a rescue.
+
+    Carbohydrate that the person ate against low glucose, and how often.
+    """
+
+    section = "Rescue carbohydrate"
+    numbers = (
+        Result("rescue_carbs_g", "Carbohydrate that was eaten against low glucose.", "Carbohydrate", "g", 0),
+        Result("rescues", "Times that it was eaten.", "Times", digits=0),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Eaten:
         zero = jnp.zeros_like(glucose_mg_dl)

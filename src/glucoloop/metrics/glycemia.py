@@ -4,22 +4,32 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import is_traced
 from glucoloop.metrics.formulas import glycemia_risk_index, gmi_pct, symmetric_glucose
-from glucoloop.metrics.protocol import Ended, Metric, Trajectory, count
-from glucoloop.simulation.loop import Sampled
+from glucoloop.metrics.metric import Ended, Metric, Result, Trajectory, count
+
+if TYPE_CHECKING:
+    from glucoloop.simulation.loop import Sampled
 
 LOW_BOUNDS_MG_DL: Final = {"low_events": 70.0, "very_low_events": 54.0}
 """Bound of the events of each level, by the name of its result."""
 _LASTING_MIN: Final = 15.0
 _ROUNDING: Final = 1e-4
 """Part of a sample by which rounding of its time, in float32 too, may make more samples of the same minutes."""
+
+
+def _share(name: str, where: str, title: str = "", more: str = "", **shown: Any) -> Result:
+    summary = f"Percentage of time with glucose {where}{more}."
+    return Result(name, summary, title or f"Time {where}", "%", **shown)
+
+
+def _events(name: str, bound_mg_dl: int) -> Result:
+    summary = f"Times that glucose fell below {bound_mg_dl} mg/dl for 15 min or longer, on the controller's samples."
+    return Result(name, summary, f"Events below {bound_mg_dl} mg/dl", digits=0)
 
 
 @pytree
@@ -34,8 +44,10 @@ class _Points:
     above_250: jax.Array
 
 
-class TimeInRanges(Metric):
-    """Times in ranges, and the glycemia risk index ``min(100, 3 VLow + 2.4 Low + 1.6 VHigh + .8 High)``.
+class TimeInRanges(Metric, name="time-in-ranges"):
+    """Times in ranges of glucose, and the risk index that follows from them.
+
+    Times in ranges, and the glycemia risk index ``min(100, 3 VLow + 2.4 Low + 1.6 VHigh + .8 High)``.
 
     A time is the percentage of the points of the grid of one minute, both ends included. VLow, Low, High, VHigh are the
     percentages of points below 54, from 54 to below 70, above 180 to 250, and above
@@ -47,6 +59,30 @@ class TimeInRanges(Metric):
     the international consensus on time in range", Diabetes Care 42(8), 1593-1603, 2019. The index is that of
     `formulas.glycemia_risk_index`.
     """
+
+    section = "Glycemia"
+    always = True
+    sources = ("battelino2019", "klonoff2023")
+    numbers = (
+        _share(
+            "time_70_180_pct",
+            "from 70 to 180 mg/dl",
+            more=", both included; with those below 70 and above 180 it makes 100",
+        ),
+        _share("time_above_180_pct", "above 180 mg/dl"),
+        _share("time_above_250_pct", "above 250 mg/dl"),
+        _share("time_below_70_pct", "below 70 mg/dl"),
+        _share("time_below_60_pct", "below 60 mg/dl"),
+        _share("time_below_54_pct", "below 54 mg/dl"),
+        _share(
+            "time_below_validity_pct",
+            "below the valid range of the patient's model",
+            "Time below the model's validity",
+            "; a value above 0 means severe hypoglycemia",
+            seldom=True,
+        ),
+        Result("gri", "Glycemia risk index.", "Glycemia risk index"),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Points:
         return _Points(**{field.name: jnp.zeros_like(glucose_mg_dl) for field in dataclasses.fields(_Points)})
@@ -93,8 +129,25 @@ class _Sums:
     squared: jax.Array
 
 
-class MeanAndVariation(Metric):
-    """Mean, coefficient of variation with ``n - 1`` as its denominator, and `formulas.gmi_pct`."""
+class MeanAndVariation(Metric, name="mean-and-variation"):
+    """Mean glucose and its variation.
+
+    Mean, coefficient of variation with ``n - 1`` as its denominator, and `formulas.gmi_pct`.
+    """
+
+    section = "Glycemia"
+    always = True
+    sources = ("bergenstal2018",)
+    numbers = (
+        Result("mean_mg_dl", "Mean glucose over the grid.", "Mean glucose", "mg/dl", concentration=True),
+        Result(
+            "cv_pct",
+            "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
+            "Coefficient of variation",
+            "%",
+        ),
+        Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
         zero = jnp.zeros_like(glucose_mg_dl)
@@ -119,8 +172,10 @@ class _Risks:
     high: jax.Array
 
 
-class RiskIndices(Metric):
-    """Means over the grid of the risk to be low and of the risk to be high.
+class RiskIndices(Metric, name="risk-indices"):
+    """Risk of low and of high glucose.
+
+    Means over the grid of the risk to be low and of the risk to be high.
 
     ::
 
@@ -131,6 +186,14 @@ class RiskIndices(Metric):
     B. P. Kovatchev, M. Straume, D. J. Cox, L. S. Farhy, "Risk analysis of blood glucose data: a quantitative approach
     to optimizing the control of insulin dependent diabetes", J. Theor. Med. 3, 1-10, 2000.
     """
+
+    section = "Glycemia"
+    always = True
+    sources = ("kovatchev1997",)
+    numbers = (
+        Result("lbgi", "Low blood glucose index.", "Low blood glucose index", digits=2),
+        Result("hbgi", "High blood glucose index.", "High blood glucose index", digits=2),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Risks:
         zero = jnp.zeros_like(glucose_mg_dl)
@@ -170,8 +233,10 @@ class _Events:
         )
 
 
-class LowEvents(Metric):
-    """Events of low glucose of both levels, counted as for a continuous sensor.
+class LowEvents(Metric, name="low-events"):
+    """Events of low glucose.
+
+    Events of low glucose of both levels, counted as for a continuous sensor.
 
     An event begins when glucose has been below a bound for 15 min, and ends when it has not been for 15 min.
 
@@ -180,6 +245,14 @@ class LowEvents(Metric):
     T. Battelino et al., "Continuous glucose monitoring and metrics for clinical trials: an international consensus
     statement", Lancet Diabetes Endocrinol. 11(1), 2023: level 1 is below 70 mg/dl, level 2 below 54 mg/dl.
     """
+
+    section = "Glycemia"
+    always = True
+    sources = ("battelino2023",)
+    numbers = (
+        _events("low_events", 70),
+        _events("very_low_events", 54),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, _Events]:
         zero = jnp.zeros_like(glucose_mg_dl)

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from glucoloop._pytree import pytree, static
-from glucoloop.metrics.settings import RESULTS
+from glucoloop.metrics.catalogue import RESULTS
 from glucoloop.refusal import Refusal
 
 _EVERYDAY: Final = (
@@ -25,7 +25,7 @@ _EVERYDAY: Final = (
 class Metrics:
     """Metrics of a run; each is an attribute and has the shape of the people, `()` for one.
 
-    The names and definitions are those of the results in `metrics.settings.METRICS`, and of further metrics that were
+    The names and definitions are those of the results in `metrics.catalogue.METRICS`, and of further metrics that were
     asked for. Glucose is the patient's own, free of noise, on the trace's grid of one minute. A time in a
     range is the percentage of the points of that grid, both ends included. Insulin is what the pump delivered.
     """

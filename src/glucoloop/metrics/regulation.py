@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
-from glucoloop.metrics.protocol import Ended, Metric, Trajectory
-from glucoloop.simulation.loop import Sampled
+from glucoloop.metrics.metric import Ended, Metric, Result, Trajectory
+
+if TYPE_CHECKING:
+    from glucoloop.simulation.loop import Sampled
 
 BANDS_PCT: Final = (2, 5)
 """Half widths of the bands, in percent of the setpoint."""
@@ -28,8 +28,24 @@ class _Extreme:
         )
 
 
-class Extremes(Metric):
-    """Least and greatest glucose, each with the time at which it is first reached, and distances from the setpoint."""
+class Extremes(Metric, name="extremes"):
+    """Least and greatest glucose.
+
+    Least and greatest glucose, each with the time at which it is first reached, and distances from the setpoint.
+    """
+
+    section = "Regulation"
+    always = True
+    numbers = (
+        Result("undershoot_mg_dl", "Setpoint minus the least glucose.", "Undershoot", "mg/dl", fall=True),
+        Result("minimum_mg_dl", "Least glucose of the run.", "Least glucose", "mg/dl", concentration=True),
+        Result(
+            "minimum_t_min", "Time from the start of the run at which the minimum is first reached.", "  at", "min", 0
+        ),
+        Result("overshoot_mg_dl", "Greatest glucose minus the setpoint.", "Overshoot", "mg/dl"),
+        Result("peak_mg_dl", "Greatest glucose of the run.", "Greatest glucose", "mg/dl", concentration=True),
+        Result("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at", "min", 0),
+    )
 
     def init(
         self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array
@@ -58,8 +74,10 @@ class Extremes(Metric):
         }
 
 
-class Settling(Metric):
-    """Settling time: how long after the meal glucose enters a band around the setpoint for good.
+class Settling(Metric, name="settling"):
+    """Time until glucose stays near the setpoint.
+
+    Settling time: how long after the meal glucose enters a band around the setpoint for good.
 
     It is the first point of the grid after the last one with ``|glucose - setpoint| > band / 100 * setpoint``, less the
     time of the meal: on a grid of one minute, the last minute outside, plus 1, less the time of the meal. It is 0 if
@@ -67,6 +85,31 @@ class Settling(Metric):
     time is that of the point which would follow, less the time of the meal: a lower bound. The state is the last time
     at which glucose was outside each band, negative for never.
     """
+
+    section = "Regulation"
+    always = True
+    numbers = (
+        Result(
+            "settling_2pct_min",
+            "Last minute farther than 2 % of the setpoint from it, plus 1, minus the time of the first meal, "
+            "or of the start if nothing is eaten; 0 if never so far. Where not settled, the horizon plus 1 "
+            "takes the place of that minute.",
+            "Settling, 2 % band",
+            "min",
+            0,
+            exact_if="settled_2pct",
+        ),
+        Result("settled_2pct", "Whether glucose is within 2 % of the setpoint at the end."),
+        Result(
+            "settling_5pct_min",
+            "Settling time for a band of 5 % of the setpoint.",
+            "Settling, 5 % band",
+            "min",
+            0,
+            exact_if="settled_5pct",
+        ),
+        Result("settled_5pct", "Whether glucose is within 5 % of the setpoint at the end."),
+    )
 
     def init(
         self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array
@@ -93,8 +136,23 @@ class Settling(Metric):
         return result
 
 
-class SquaredError(Metric):
-    """Sum over samples of ``(glucose - setpoint)^2`` [(mg/dl)^2]; it grows with their number."""
+class SquaredError(Metric, name="squared-error"):
+    """Sum of squared errors.
+
+    Sum over samples of ``(glucose - setpoint)^2`` [(mg/dl)^2]; it grows with their number.
+    """
+
+    section = "Regulation"
+    always = True
+    numbers = (
+        Result(
+            "sse",
+            "Sum over the controller's samples of the squared distance from the setpoint [(mg/dl)^2].",
+            "Sum of squared errors",
+            "(mg/dl)²",
+            digits=0,
+        ),
+    )
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         return jnp.zeros_like(glucose_mg_dl)

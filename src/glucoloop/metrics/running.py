@@ -14,9 +14,9 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.control.protocol import Decision
+from glucoloop.metrics.catalogue import metrics_with
+from glucoloop.metrics.metric import LOWEST_GLUCOSE_MG_DL, Ended, Metric, Trajectory
 from glucoloop.metrics.metrics import Metrics
-from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Ended, Metric, Trajectory
-from glucoloop.metrics.settings import metrics_with
 from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
@@ -102,7 +102,7 @@ class RunningMetrics(Trajectory):
         return metrics
 
     def finished(self, tally: Tally, *, samples: int, **of_run: Any) -> Metrics:
-        """Metrics of a run; further arguments are those of `metrics.protocol.Ended`."""
+        """Metrics of a run; further arguments are those of `metrics.metric.Ended`."""
         ended = Ended(
             samples=samples,
             points=samples * len(self.inside_min) + 1,
@@ -113,12 +113,11 @@ class RunningMetrics(Trajectory):
         return Metrics.of(dict(self._results(tally, ended)), self.further)
 
     def _results(self, tally: Tally, ended: Ended) -> Iterator[tuple[str, Any]]:
-        chosen = metrics_with(self.further)
-        for choice, metric, state in zip(chosen, self._metrics, tally.states, strict=True):
-            results, names = metric.finish(self, state, ended), [result.name for result in choice.results]
+        for metric, state in zip(self._metrics, tally.states, strict=True):
+            results, names = metric.finish(self, state, ended), [result.name for result in metric.results]
             if sorted(results) != sorted(names):
                 raise Refusal(
-                    f"the metric {choice.name} gives {', '.join(sorted(results)) or 'nothing'}, but its entry says "
+                    f"the metric {metric.name} gives {', '.join(sorted(results)) or 'nothing'}, but its entry says "
                     f"{', '.join(sorted(names))}; let both say the same"
                 )
             yield from ((name, results[name]) for name in names)
@@ -131,7 +130,7 @@ class RunningMetrics(Trajectory):
 @functools.lru_cache(maxsize=8)
 def _made(further: tuple[str, ...]) -> tuple[Metric, ...]:
     """All metrics of this package, and further ones."""
-    return tuple(choice.made() for choice in metrics_with(further))
+    return tuple(metrics_with(further))
 
 
 def first_meal_min(trace: Trace) -> jax.Array:
@@ -162,7 +161,7 @@ def summarise(
     lowest_glucose_mg_dl : array_like
         Bound of the constraint (19).
     metrics : sequence of str
-        Further metrics beside the usual ones, like "sensor-accuracy": name and settings, see `metrics.settings`.
+        Further metrics beside the usual ones, like "sensor-accuracy": name and settings, see `metrics.catalogue`.
 
     Returns
     -------

@@ -25,7 +25,7 @@ with profiles 15 % wrong, 5 to 25 % have lower factors, down to 0.02, and fewer 
 nothing is bounded: who is taken to be too sensitive is given too little insulin, and not too much.
 
 The equations are advanced by an exponential Runge-Kutta method of second order about the Jacobian J at rest, which is
-exact where they are linear, as insulin under the skin is, so that steps of half an hour are possible::
+exact where they are linear, as subcutaneous insulin is, so that steps of half an hour are possible::
 
     a = x + h phi_1(hJ) x',    x(t + h) = a + h phi_2(hJ) (x'(a) - x'(x) - J (a - x))
 

@@ -11,8 +11,8 @@ from glucoloop.component.setting import About
 from glucoloop.unit_guess import NOISE_VARIANCE
 
 MEMORY: Final = About(
-    "Number of samples after which the effect of a dose has died out, M; by default three hours, or a day under the "
-    "skin.",
+    "Number of samples after which the effect of a dose has died out, M; by default three hours, or a day "
+    "for subcutaneous insulin.",
     at_least=2,
     at_most=2000,
 )

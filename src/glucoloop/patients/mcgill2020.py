@@ -1,4 +1,4 @@
-"""The minimal model of Bergman et al. (1979) with insulin under the skin, as the McGill Diabetes Lab has it: 70 kg.
+"""The minimal model of Bergman et al. (1979) with subcutaneous insulin, as the McGill Diabetes Lab has it: 70 kg.
 
 Insulin passes two depots. Glucose has no production by name: ``P_1 G_b`` is what enters without insulin. In exercise of
 intensity u, from 0 to 1, the effect of glucose on its own uptake grows at once, and insulin acts more the longer

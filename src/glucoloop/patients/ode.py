@@ -47,7 +47,7 @@ class OdePatient(RestingPatient[dict[str, Any]]):
 
     Examples
     --------
-    Bergman's minimal model, insulin into a vein:
+    Bergman's minimal model, intravenous insulin:
 
     >>> import glucoloop as gl
     >>> import jax.numpy as jnp

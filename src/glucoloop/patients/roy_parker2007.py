@@ -1,4 +1,4 @@
-"""The minimal model with exercise of Roy and Parker (2007): insulin into a vein, 70 kg.
+"""The minimal model with exercise of Roy and Parker (2007): intravenous insulin, 70 kg.
 
 Exercise of intensity u, the oxygen uptake above that at rest in percent of the largest, makes the liver produce more
 glucose, tissue take up more, and insulin leave faster. The liver's glycogen runs out in long exercise: once the

@@ -92,7 +92,7 @@ class PatientPart(Part):
     """Limits of a guard that are usual for this patient, where they differ from those of the route."""
 
     subcutaneous: ClassVar[bool] = False
-    """Whether insulin is given under the skin; it follows from the route."""
+    """Whether insulin is given subcutaneously; it follows from the route."""
     usual_point: ClassVar[str] = ""
     """Name of the first operating point."""
     usual_population: ClassVar[str] = NOMINAL
@@ -197,7 +197,7 @@ _AT_FASTING_81: Final = {
 
 
 class Parker1999Part(PatientPart, name="parker-1999"):
-    """Sorensen's 19 states as Parker, Doyle and Peppas (1999) use them; insulin into a vein, 70 kg."""
+    """Sorensen's 19 states as Parker, Doyle and Peppas (1999) use them; intravenous insulin, 70 kg."""
 
     timeless: ClassVar = True
     sources = ("parker1999", "parker2000", "sorensen1985", "lehmann1992")
@@ -238,7 +238,7 @@ class _HovorkaPart(PatientPart):
 
 
 class Hovorka2004Part(_HovorkaPart, name="hovorka-2004"):
-    """The model of Hovorka et al. (2004); insulin under the skin, 75 kg."""
+    """The model of Hovorka et al. (2004); subcutaneous insulin, 75 kg."""
 
     sources = ("hovorka2004",)
     model = "glucoloop.patients.hovorka.model:HOVORKA_2004_MODEL"
@@ -250,7 +250,7 @@ class Hovorka2004Part(_HovorkaPart, name="hovorka-2004"):
 
 
 class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
-    """The Cambridge simulator's model, of Wilinska et al. (2010); insulin under the skin, 74.9 kg."""
+    """The Cambridge simulator's model, of Wilinska et al. (2010); subcutaneous insulin, 74.9 kg."""
 
     sources = ("wilinska2010", "hovorka2004")
     model = "glucoloop.patients.hovorka.model:WILINSKA_2010_MODEL"
@@ -262,7 +262,7 @@ class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
 
 
 class Kanderian2009Part(PatientPart, name="kanderian-2009"):
-    """The ten people of Kanderian et al. (2009), the Medtronic virtual patient; insulin under the skin."""
+    """The ten people of Kanderian et al. (2009), the Medtronic virtual patient; subcutaneous insulin."""
 
     timeless: ClassVar = True
     sources = ("kanderian2009",)
@@ -274,7 +274,7 @@ class Kanderian2009Part(PatientPart, name="kanderian-2009"):
 
 
 class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
-    """The minimal model with exercise of Roy and Parker (2007); insulin into a vein, 70 kg."""
+    """The minimal model with exercise of Roy and Parker (2007); intravenous insulin, 70 kg."""
 
     timeless: ClassVar = True
     sources = ("royparker2007",)
@@ -284,7 +284,7 @@ class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
 
 
 class McGill2020Part(PatientPart, name="mcgill-2020"):
-    """Bergman's minimal model with exercise and insulin under the skin, of the McGill Diabetes Lab (2020); 70 kg."""
+    """Bergman's minimal model with exercise and subcutaneous insulin, of the McGill Diabetes Lab (2020); 70 kg."""
 
     timeless: ClassVar = True
     sources = ("bergman1979", "mcgill2020")
@@ -295,7 +295,7 @@ class McGill2020Part(PatientPart, name="mcgill-2020"):
 
 
 class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
-    """The model of the UVA/Padova simulator of 2008, of Dalla Man et al. (2007); insulin under the skin, 78 kg."""
+    """The model of the UVA/Padova simulator of 2008, of Dalla Man et al. (2007); subcutaneous insulin, 78 kg."""
 
     timeless: ClassVar = True
     sources = ("dallaman2007", "dallaman2007gim", "kovatchev2009")

@@ -19,7 +19,8 @@ import polars as pl
 from polars import selectors
 
 from glucoloop.display_units import OTHERS, heading_shown, in_shown_units, other_number, shown_unit
-from glucoloop.metrics.settings import Result, metrics_with
+from glucoloop.metrics.catalogue import metrics_with
+from glucoloop.metrics.metric import Result
 from glucoloop.refusal import Refusal
 from glucoloop.text import NOT_AVAILABLE, glucose_text
 from glucoloop.text import percent as percent_text

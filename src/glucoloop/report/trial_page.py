@@ -12,7 +12,7 @@ import numpy as np
 from glucoloop.display_units import OTHERS, other_value, shown_unit
 from glucoloop.faults import FAULTS
 from glucoloop.metrics import control_variability as cvga
-from glucoloop.metrics.settings import result_named
+from glucoloop.metrics.catalogue import result_named
 from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.report.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent, thinned
 from glucoloop.report.columns import MetricRow
@@ -22,7 +22,7 @@ from glucoloop.report.periods import concentrations
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.text import NOT_AVAILABLE, percent
-from glucoloop.trials.bins import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
+from glucoloop.trials.quantiles import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
 from glucoloop.units import MIN_PER_WEEK
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))

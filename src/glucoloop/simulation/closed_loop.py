@@ -262,7 +262,7 @@ def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled,
 def usual_limits(patient: Patient) -> DoseLimits:
     """Limits of the pump that is usual for a patient, or for the route by which it has insulin.
 
-    Designs, `summarise` and `LimitedPump` see no patient and take the limits of 1999; for insulin under the skin those
+    Designs, `summarise` and `LimitedPump` see no patient and take the limits of 1999; for subcutaneous insulin those
     keep a controller far within what the pump can give.
 
     Examples

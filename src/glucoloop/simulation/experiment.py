@@ -42,7 +42,7 @@ LARGEST_PULSE_MU_MIN: Final = 22.33
 """Amplitude of the pulses in the paper, its nominal rate."""
 SETTLED: Final = 0.7
 """Share of its gain that a response has at the end of a memory that is long enough for it: .8 and more of the paper's
-patient at its operating points, at most .11 with insulin under the skin.
+patient at its operating points, at most .11 with subcutaneous insulin.
 """
 
 
@@ -157,7 +157,7 @@ def identify(
 
     Notes
     -----
-    Memory, pole, functions and route that are not given are those for insulin under the skin if the patient has it so,
+    Memory, pole, functions and route that are not given are those for subcutaneous insulin if the patient has it so,
     or if its response to a small step has less than `SETTLED` of its gain at the end of the paper's memory, and else
     the paper's.
 

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from glucoloop.physiology.exercise import Exercise
 
 INTRAVENOUS_BOLUS: Final = (
-    "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
-    "meant for insulin under the skin, as of hovorka-2004."
+    "This patient gets intravenous insulin, where a bolus acts for minutes and a meal lasts for hours; boluses are "
+    "meant for subcutaneous insulin, as of hovorka-2004."
 )
 STEADY_WITHOUT_RHYTHM: Final = (
     "The rhythm begins with the run: the patient rests at the start, and controllers are designed, with its clock "
@@ -412,7 +412,7 @@ def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_d
 
 
 def intravenous_boluses(config: ControlledSituation) -> tuple[str, ...]:
-    """`INTRAVENOUS_BOLUS` if any of the controllers gives boluses to a patient with insulin into a vein."""
+    """`INTRAVENOUS_BOLUS` if any of the controllers gives boluses to a patient with intravenous insulin."""
     boluses = any(case.controller.gives_boluses for case in config.cases)
     return (INTRAVENOUS_BOLUS,) if boluses and not config.patient.subcutaneous else ()
 

@@ -29,7 +29,8 @@ from glucoloop.component.part import Part
 from glucoloop.faults import START, FaultPart
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.settings import MealModelPart, RescuePart
-from glucoloop.metrics.settings import MetricPart, metrics_with
+from glucoloop.metrics.catalogue import metrics_with
+from glucoloop.metrics.metric import Metric
 from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientPart
 from glucoloop.physiology.settings import RhythmPart
 from glucoloop.pumps import PUMPS, PumpPart
@@ -200,7 +201,7 @@ class Situation(Part):
     ] = ()
     warm_up_min: WarmUp = 0.0
     metrics: Annotated[
-        tuple[MetricPart, ...],
+        tuple[Metric, ...],
         Option("Metric beside the usual ones, like sensor-accuracy; repeat it for more.", flag="--metric", rare=True),
     ] = ()
     sample_time_min: Annotated[
@@ -251,8 +252,8 @@ class Situation(Part):
             )
         if self.profile_by == "titration" and not self.patient.subcutaneous:
             raise Refusal(
-                f"{self.patient.called} gets insulin into a vein, where a bolus acts for minutes and no carbohydrate "
-                "ratio is right; leave profile_by out, or choose a patient with insulin under the skin"
+                f"{self.patient.called} gets intravenous insulin, where a bolus acts for minutes and no carbohydrate "
+                "ratio is right; leave profile_by out, or choose a patient with subcutaneous insulin"
             )
         meal_model_of(self.nominal, self.gut)
         refuse_minute_inputs(

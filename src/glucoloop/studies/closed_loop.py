@@ -191,12 +191,12 @@ def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Itera
 
 
 def _notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
-    """Note on rhythms, and the basal rate in the unit of pumps, where insulin is given under the skin."""
+    """Note on rhythms, and the basal rate in the unit of pumps, where insulin is given subcutaneously."""
     yield from steady_without_rhythm(situation)
     if situation.patient.subcutaneous:
         basal = float(situation.nominal.basal_insulin_mU_min)
         yield (
-            f"Insulin is given under the skin; the basal rate is {basal:.4g} mU/min ({u_h_from_mu_min(basal):.4g} U/h)."
+            f"Insulin is given subcutaneously; the basal rate is {basal:.4g} mU/min ({u_h_from_mu_min(basal):.4g} U/h)."
         )
     elif gives_boluses(controller):
         yield INTRAVENOUS_BOLUS

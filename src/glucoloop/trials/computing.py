@@ -27,7 +27,7 @@ from glucoloop.trials.shard import Simulate, compute_shard
 from glucoloop.trials.trial import Trial
 
 LOCAL: Final = "local"
-RETRIES: Final = 3
+_RETRIES: Final = 3
 """Number of times that Dask tries a shard again before the trial stops."""
 _IN_FLIGHT_PER_THREAD: Final = 2
 _MIN_IN_FLIGHT: Final = 4
@@ -145,7 +145,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Callable[[int], N
         most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values()))
         for index in itertools.islice(waiting, max(0, most - len(running))):
             work = shard_on_worker, trial, index, glucoloop.__version__, identity
-            future = client.submit(*work, pure=False, retries=RETRIES)
+            future = client.submit(*work, pure=False, retries=_RETRIES)
             running[future] = index
             completed.add(future)
 

@@ -28,9 +28,9 @@ from glucoloop.simulation.cohort import Accumulator
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
-from glucoloop.trials.bins import bin_numbers, glucose_edges, insulin_edges
 from glucoloop.trials.blocks import block_size, in_blocks
 from glucoloop.trials.people import PeopleRows
+from glucoloop.trials.quantiles import bin_numbers, glucose_edges, insulin_edges
 from glucoloop.trials.trial import MIN_BLOCK, Trial, fingerprint, profile_columns
 
 Array = npt.NDArray[Any]
@@ -155,7 +155,7 @@ def loop_of(
         "controllers_of": with_profile_of_each(controller),
         "precision": trial.precision,
         "products": trial.products,
-        "minute_inputs": minute_inputs_of(trial, np.array([trial.first_person])).names,
+        "minute_inputs": _minute_inputs_of(trial, np.array([trial.first_person])).names,
     }
     example = people_of(trial, [trial.first_person]) if example is None else example
     return PeopleLoop(trial, controller, example, trial.grid, accumulator, **{**usual, **others})
@@ -330,11 +330,11 @@ def brought(trial: Trial, days: LivedDays) -> dict[str, Any]:
         "meals": days.eaten if trial.plan.varies else None,
         "announced_g": days.announced_g if own else None,
         "announced_min": days.announced_min if own else None,
-        "minute_inputs": minute_inputs_of(trial, days.person),
+        "minute_inputs": _minute_inputs_of(trial, days.person),
     }
 
 
-def minute_inputs_of(trial: Trial, person: npt.NDArray[np.int64]) -> PeopleMinuteInputs:
+def _minute_inputs_of(trial: Trial, person: npt.NDArray[np.int64]) -> PeopleMinuteInputs:
     """Exercise of people of a trial, and what its rhythms change in them, from the beginning of the warm-up on."""
     grid = dataclasses.replace(trial.grid, start_min=trial.start_min or 0.0)
     return PeopleMinuteInputs(grid.whole, trial.bouts_of(person), trial.rhythms, trial.seed, person)

@@ -86,7 +86,7 @@ class TrialOrigin(Origin):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShardRecord:
+class _ShardRecord:
     """Record of a shard, as ``shard.json`` holds it."""
 
     format: str
@@ -143,7 +143,7 @@ class TrialFolder(ResumableFolder):
                 raise Refusal(f"{name} of shard {index} is not as it must be: {error}") from None
         person = self.trial.shard(index)
         place = self.origin.of_shard(index)
-        record = ShardRecord(**place, first_person=int(person[0]), people=int(person.size), rows=rows)
+        record = _ShardRecord(**place, first_person=int(person[0]), people=int(person.size), rows=rows)
         with self.unwritten(f"shard {index}"):
             disk.put_folder(self.shard(index), {**files, SHARD: f"{json_text(vars(record))}\n".encode()})
         self._sums[index] = disk.read_sums(self.shard(index))
@@ -232,7 +232,7 @@ def _whole_shard(folder: Path, origin: TrialOrigin, index: int) -> dict[str, str
     if sums != digests or SHARD not in sums:
         changed = next((name for name in sums if digests.get(name) != sums[name]), SUMS)
         raise Refusal(f"{shard} is damaged: {changed} is not as it was written; {mend}")
-    record = stored_json(place / SHARD, mend, ShardRecord)
+    record = stored_json(place / SHARD, mend, _ShardRecord)
     for name, value in origin.of_shard(index).items():
         if getattr(record, name) != value:
             raise Refusal(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,11 +22,13 @@ from glucoloop._extras import needed_for
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked
 from glucoloop.storage.files import stored_json
-from glucoloop.storage.memory_limit import memory_limited
 from glucoloop.text import is_printable, one_line
 from glucoloop.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.trials.shard import BANDS as COUNTS
 from glucoloop.trials.shard import PEOPLE, TRACES
+
+if sys.platform == "linux":
+    import resource
 
 with needed_for("a question in SQL"):
     import duckdb
@@ -117,7 +120,7 @@ class TrialTables:
 def trial_tables(folder: Path, memory_mb: int = MAX_MEMORY_MB) -> Iterator[TrialTables]:
     """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done.
 
-    In the block the process, whatever it does, may take `memory_mb` more memory than it has; see `memory_limited`.
+    In the block the process, whatever it does, may take `memory_mb` more memory than it has; see `_memory_limited`.
     """
     origin = TrialOrigin.of_folder(folder)
     shards, final = done_shards(folder, origin), final_files(folder)
@@ -151,7 +154,7 @@ def trial_tables(folder: Path, memory_mb: int = MAX_MEMORY_MB) -> Iterator[Trial
             raise Refusal(f"{folder} cannot be read: {one_line(error)}") from None
         columns = dict(result)
         views = {name: columns[name] for name in VIEWS if name in columns}
-        with memory_limited(memory_mb * 1_000_000):
+        with _memory_limited(memory_mb * 1_000_000):
             yield TrialTables(connection, views, len(shards), origin.shards, memory_mb)
 
 
@@ -200,3 +203,23 @@ def _sentence(error: Exception) -> str:
         what = "a time with a time zone" if package == "pytz" else "a value"
         return f"the answer holds {what}, for which {package} is missing; cast it to varchar"
     return one_line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])
+
+
+@contextlib.contextmanager
+def _memory_limited(most_bytes: int) -> Iterator[None]:
+    """Let this process, all its threads together, take at most so many bytes more in the block than it has.
+
+    Beyond them the system hands out no memory, which Python tells as MemoryError. Linux alone counts the private memory
+    of a process against such a limit; other systems have no bound here.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = pages * resource.getpagesize() + most_bytes
+    resource.setrlimit(resource.RLIMIT_DATA, (most if soft == resource.RLIM_INFINITY else min(soft, most), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))

@@ -17,13 +17,13 @@ import numpy.typing as npt
 
 from glucoloop.metrics.control_variability import CELLS, grid_counts
 from glucoloop.refusal import Refusal
-from glucoloop.trials.order_statistics import Floats, Moments, finite, quantiles
 from glucoloop.trials.people import PeopleRows, Shards
+from glucoloop.trials.quantiles import Floats, Moments, finite, quantiles
 
 QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "p99": 0.99}
 MAX_NAMED: Final = 1000
 """Largest number of people that are listed by number; beyond it they are only counted."""
-WORST: Final = 10
+_WORST: Final = 10
 LOW_MG_DL: Final = (70, 60, 54)
 DISTRIBUTIONS: Final = (
     "undershoot_mg_dl",
@@ -38,7 +38,7 @@ _BINS: Final = 60
 
 
 @dataclass
-class AffectedPeople:
+class _AffectedPeople:
     """People for whom a condition holds."""
 
     count: int = 0
@@ -85,8 +85,8 @@ class _Case:
     def __init__(self, people: PeopleRows) -> None:
         self.yes_or_no = people.yes_or_no
         self.moments = {name: Moments() for name in people.metrics}
-        self.below_validity = AffectedPeople()
-        self.not_finite = AffectedPeople()
+        self.below_validity = _AffectedPeople()
+        self.not_finite = _AffectedPeople()
         self.worst: list[tuple[float, int, dict[str, Any]]] = []
         self.ever_below = dict.fromkeys(LOW_MG_DL, 0)
         self.cvga = np.zeros((3 * CELLS, 3 * CELLS), np.int64)
@@ -101,9 +101,9 @@ class _Case:
         self.cvga += grid_counts(minimum, people.metrics["peak_mg_dl"][known])
         for limit in LOW_MG_DL:
             self.ever_below[limit] += int((minimum < limit).sum())
-        rows = np.flatnonzero(known)[np.argsort(minimum, kind="stable")[:WORST]]
+        rows = np.flatnonzero(known)[np.argsort(minimum, kind="stable")[:_WORST]]
         result = [(float(people.metrics["minimum_mg_dl"][i]), int(people.person[i]), _row(people, i)) for i in rows]
-        self.worst = heapq.nsmallest(WORST, [*self.worst, *result], key=lambda one: one[:2])
+        self.worst = heapq.nsmallest(_WORST, [*self.worst, *result], key=lambda one: one[:2])
 
     def plain(self, result: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
         people = next(iter(self.moments.values())).count
@@ -127,7 +127,7 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
     Refusal if there is no shard.
     """
     cases: dict[str, _Case] = {}
-    infeasible, beyond = AffectedPeople(), AffectedPeople()
+    infeasible, beyond = _AffectedPeople(), _AffectedPeople()
     people = 0
     for shard in shards():
         for label, of_label in shard.items():

@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from glucoloop.patients.population import Population
     from glucoloop.simulation.plant import SampleGrid
 
-TITRATED: Final = ("carb_ratio_g_U", "correction_mg_dl_U")
+_TITRATED: Final = ("carb_ratio_g_U", "correction_mg_dl_U")
 """Fields of a profile that a titration gives."""
 FORMAT: Final = 5
 """Version of the file format of a trial; a folder with another one is not resumed."""
-SHARD_PATIENT_DAYS: Final = 16_384
-TRACED_PATIENT_DAYS: Final = 2048
+_SHARD_PATIENT_DAYS: Final = 16_384
+_TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""
 LONGEST_COUNTED_MIN: Final = 28 * MIN_PER_DAY
 """Longest run of whole days in which glucose and insulin are counted at every sample."""
@@ -294,7 +294,7 @@ class Trial(FedSituation):
     @property
     def people_a_shard(self) -> int:
         """Number of people that are computed and written together."""
-        return self.shard_people or SHARD_PATIENT_DAYS
+        return self.shard_people or _SHARD_PATIENT_DAYS
 
     @property
     def shards(self) -> int:
@@ -324,11 +324,11 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow
     shards. With a slow controller it is 256 people, so that the first results are kept within seconds.
     """
     days = max(1.0, horizon_min / MIN_PER_DAY)
-    wanted, least = min(SHARD_PATIENT_DAYS / days, max(_MIN_SHARD, people / _SHARDS_WANTED)), _BLOCK
+    wanted, least = min(_SHARD_PATIENT_DAYS / days, max(_MIN_SHARD, people / _SHARDS_WANTED)), _BLOCK
     if horizon_min > LONGEST_COUNTED_MIN:
         wanted, least = max(wanted, min(people / _MAX_SHARDS, _BLOCK)), _MIN_LONG
     if traced:
-        wanted, least = min(TRACED_PATIENT_DAYS / days, wanted), MIN_BLOCK
+        wanted, least = min(_TRACED_PATIENT_DAYS / days, wanted), MIN_BLOCK
     if slow:
         wanted, least = min(_MIN_LONG, wanted), min(_MIN_LONG, least)
     return max(least, 1 << round(math.log2(max(1.0, wanted))))
@@ -354,7 +354,7 @@ def profile_columns(trial: Trial) -> tuple[str, ...]:
     """Fields of people's profiles that a trial tells: those of its table of people, and those that are titrated."""
     table = trial.population.table
     known = () if table is None else tuple(table.profile)
-    return tuple(dict.fromkeys((*known, *(TITRATED if trial.profile_by == "titration" else ()))))
+    return tuple(dict.fromkeys((*known, *(_TITRATED if trial.profile_by == "titration" else ()))))
 
 
 def plain(trial: Trial) -> dict[str, Any]:

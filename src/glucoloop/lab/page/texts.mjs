@@ -49,7 +49,7 @@ const english = {
     point: "Operating point",
     meals: "Meals",
     addMeal: "Add a meal",
-    announce: "The controller is told of each meal",
+    announce: "Meals are announced to the controller",
     duration: "Length of the run",
     controller: "Controller",
     usual: "Usual tuning",
@@ -78,7 +78,7 @@ const english = {
   otherVersion: (/** @type {string} */ there, /** @type {string} */ here) =>
     `The link was made by glucoloop ${there}, and this page is ${here}; numbers may differ.`,
   familyChosen: (/** @type {string} */ family, /** @type {string} */ unit, /** @type {string[]} */ reset) =>
-    `The patient is ${family} now, for whom the controller was designed anew; insulin is shown in ${unit}.` +
+    `The patient is ${family} now, for whom the controller was designed again; insulin is shown in ${unit}.` +
     (reset.length > 0 ? ` What was set for another patient is usual again: ${reset.join(", ")}.` : ""),
   resets: {
     controller: "the controller, which the page does not have for this patient",
@@ -127,7 +127,7 @@ const english = {
     {
       title: "The unannounced meal",
       hash: "#controller=pid,+closed_loop_min=60&meals=90g@60min",
-      text: "The controller is not told of the meal. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 70, and lets it rise to 121.",
+      text: "The meal is not announced to the controller. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 70, and lets it rise to 121.",
     },
     {
       title: "What a monitor shows",
@@ -138,8 +138,8 @@ const english = {
     {
       title: "Feedback alone is late",
       hash: "#patient=hovorka-2004&controller=profile-mpc&meals=60g@60min&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
-      text: "Insulin under the skin acts most after an hour, and for hours. This predictive controller knows that, and yet glucose rises above 240 mg/dl after a meal of which nobody told it: when the readings rise, which lag behind, most of the meal is on its way. Told of the meal as eating begins (dashed), it gives a bolus at once, and glucose stays below 220. No tuning makes up for that: PID and MPC, which know less of the person, let glucose rise above 280.",
-      beside: { name: "Told of the meal", hash: "#patient=hovorka-2004&controller=profile-mpc&meals=60g@60min&announce_meals=true&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
+      text: "Subcutaneous insulin has its maximum effect after an hour, and acts for hours. This predictive controller knows that, and yet glucose rises above 240 mg/dl after an unannounced meal: when the readings rise, which lag behind, most of the meal is on its way. With the meal announced as eating begins (dashed), it gives a bolus at once, and glucose stays below 220. No tuning makes up for that: PID and MPC, which know less of the person, let glucose rise above 280.",
+      beside: { name: "Announced meal", hash: "#patient=hovorka-2004&controller=profile-mpc&meals=60g@60min&announce_meals=true&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
     },
     {
       title: "A bolus before the meal",
@@ -176,9 +176,9 @@ const english = {
       text: "Breakfast at 7, lunch at 12 and dinner at 18 hours, none of them announced. Drag a meal along the day, or up and down to change its size.",
     },
     {
-      title: "A day with insulin under the skin",
+      title: "A day with subcutaneous insulin",
       hash: "#patient=hovorka-2004&controller=mpc&guard=usual&sensor=white-noise,+variance=1.45&duration_min=1440&meals=45g@420min&meals=70g@720min&meals=60g@1080min",
-      text: "Insulin that is given under the skin acts later and longer than in a vein: what was given for a meal is still there when the meal has gone. The guard bounds it.",
+      text: "Insulin that is given subcutaneously acts later and longer than intravenous insulin: what was given for a meal is still there when the meal has gone. The guard bounds it.",
     },
     {
       title: "A night without a meal",
@@ -249,8 +249,8 @@ const english = {
   insulinTitle: (/** @type {string} */ unit) => `Insulin, ${unit}`,
   inBand: (/** @type {string} */ low, /** @type {string} */ high) => `green band: ${low} to ${high}`,
   dots: "dots: readings",
-  mostOf: (/** @type {string} */ most) => `dotted: the most the pump gives, ${most}`,
-  mostAbove: (/** @type {string} */ value) => `the most the pump gives, ${value}, lies above`,
+  mostOf: (/** @type {string} */ most) => `dotted: maximum rate of the pump, ${most}`,
+  mostAbove: (/** @type {string} */ value) => `maximum rate of the pump, ${value}, is above the range shown`,
   dashes: "fine dashes: commanded, not delivered",
   boluses: (/** @type {string} */ least) => `triangles: boluses of ${least} U or more; smaller ones are in the curve`,
   marks: "orange marks: the guard acted",

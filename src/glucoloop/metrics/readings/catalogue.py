@@ -1,6 +1,6 @@
 """Every metric of a record once: the function that computes it, and its numbers with title, unit and definition.
 
-A number that a loop has too, by the same name, is described by `metrics.settings`; here it is over the readings of a
+A number that a loop has too, by the same name, is described by `metrics.catalogue`; here it is over the readings of a
 record, or all points of a course, while that of a loop is over its grid of one minute.
 """
 
@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
+from glucoloop.metrics.catalogue import result_named
+from glucoloop.metrics.metric import Result
 from glucoloop.metrics.readings import distribution, episodes, excursions
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.metrics.settings import Result, result_named
 
 
 @dataclass(frozen=True)

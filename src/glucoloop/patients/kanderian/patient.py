@@ -1,7 +1,7 @@
-"""The model of Kanderian et al. (2009), the Medtronic virtual patient: Bergman's effect of insulin, under the skin.
+"""The model of Kanderian et al. (2009), the Medtronic virtual patient: Bergman's effect of subcutaneous insulin.
 
-With insulin under the skin and in plasma ``I_sc``, ``I_p`` [uU/ml], its effect ``I_eff`` [1/min], glucose in plasma and
-in tissue ``G``, ``G_isf`` [mg/dl], and the appearance of glucose from meals ``R`` [mg/min]::
+With insulin in the subcutaneous depot and plasma ``I_sc``, ``I_p`` [uU/ml], its effect ``I_eff`` [1/min], glucose in
+plasma and tissue ``G``, ``G_isf`` [mg/dl], and the appearance of glucose from meals ``R`` [mg/min]::
 
     I_sc'  = (ID / C_I - I_sc) / tau_1            ID: infusion in uU/min
     I_p'   = (I_sc - I_p) / tau_2

@@ -164,7 +164,7 @@ def _from_data(config: ModelRequest, path: Path) -> _Identified:
         functions = "no Laguerre functions" if basis.functions is None else f"{basis.functions} Laguerre functions"
         notes = (
             f"Chosen by readings left out of the fit: a memory of {basis.memory} samples and {functions}"
-            f"{', as for insulin under the skin' if basis.subcutaneous else ''}.",
+            f"{', as for subcutaneous insulin' if basis.subcutaneous else ''}.",
             *notes,
         )
     notes = (why, *notes, *_about_meals(record, identification))

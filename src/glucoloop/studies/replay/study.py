@@ -299,8 +299,8 @@ def sentences(config: ReplayRequest, results: Results) -> Iterator[str]:
             f"({inside[1]} in 90 % of the people of the posterior), time below 70 mg/dl {below[0]} ({below[1]})."
         )
     yield (
-        "The intervals hold how far the record leaves the twin open. They do not hold that another therapy changes how "
-        "a person eats and lives, nor what the family of patients lacks."
+        "The intervals cover the uncertainty of the twin that the record leaves. They do not cover that another "
+        "therapy changes how a person eats and lives, nor what the patient model lacks."
     )
 
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.metrics.settings import result_named
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.report.descriptions import (
@@ -25,8 +25,8 @@ from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.trials import engine
-from glucoloop.trials.bins import BAND_QUANTILES, quantiles_of_counts, times_pct
 from glucoloop.trials.folder import BANDS, REPORT, TrialFolder
+from glucoloop.trials.quantiles import BAND_QUANTILES, quantiles_of_counts, times_pct
 from glucoloop.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
 from glucoloop.trials.summary import TrialSummary, summarise_people
 from glucoloop.trials.trial import Trial

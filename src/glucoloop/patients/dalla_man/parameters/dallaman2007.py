@@ -4,7 +4,7 @@
   those of meals in that table (0.82 and 0.010), not those of the group's paper of 2006 on glucose alone.
 - Body weight and basal insulin of that subject are not in the table; 78 kg and 25 pmol/l are those of the curated
   encoding of the paper at BioModels, whose other constants are those of the table.
-- The paper has no insulin under the skin. Its kinetics are those of the group's simulation software GIM, with the
+- The paper has no subcutaneous insulin. Its kinetics are those of the group's simulation software GIM, with the
   values that the open simulator LoopInsighT1 takes from there. The delay of interstitial glucose, 10 min, is that of
   LoopInsighT1 too.
 - It is our own choice to make of the normal subject a person with type 1 diabetes: the pancreas is left out, and with
@@ -49,7 +49,7 @@ CONSTANTS: Final = (
     Constant("k_e2", 339.0, "mg/kg", "renal threshold of glucose in plasma", DALLA_MAN_2007),
     Constant("k_a1", 0.0018, "1/min", "absorption of insulin that is not yet monomeric", GIM),
     Constant("k_a2", 0.0182, "1/min", "absorption of monomeric insulin", GIM),
-    Constant("k_d", 0.0164, "1/min", "dissociation of insulin under the skin", GIM),
+    Constant("k_d", 0.0164, "1/min", "dissociation of subcutaneous insulin", GIM),
     Constant("k_sc", 0.1, "1/min", "rate at which interstitial glucose follows plasma glucose, of a delay of 10 min", LOOPINSIGHT),
     Constant("k_max", 0.0558, "1/min", "largest rate of emptying of the stomach, and rate of trituration", DALLA_MAN_2007),
     Constant("k_min", 0.0080, "1/min", "smallest rate of emptying of the stomach", DALLA_MAN_2007),

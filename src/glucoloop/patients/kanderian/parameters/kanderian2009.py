@@ -85,7 +85,7 @@ NOMINAL: Final = "1"
 _UNITS: Final = {
     "weight_kg": ("kg", "body weight"),
     "C_I": ("ml/min", "clearance of insulin"),
-    "tau_1": ("min", "time constant of insulin under the skin"),
+    "tau_1": ("min", "time constant of subcutaneous insulin"),
     "tau_2": ("min", "time constant of insulin in plasma"),
     "V_G": ("dl", "volume of glucose"),
     "p_2": ("1/min", "rate at which the effect of insulin follows insulin"),

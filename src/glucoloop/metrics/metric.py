@@ -1,17 +1,22 @@
-"""Metric of a run: a fold over its samples and over the points of its grid of one minute."""
+"""Metric of a run: an accumulator over its samples and over the points of its grid of one minute."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
+from glucoloop.component.part import Part
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.simulation.loop import Sampled
+from glucoloop.refusal import Refusal
+from glucoloop.text import NOT_AVAILABLE, NOT_VALID
+
+if TYPE_CHECKING:
+    from jax.typing import ArrayLike
+
+    from glucoloop.simulation.loop import Sampled
 
 LOWEST_GLUCOSE_MG_DL: Final = 60.0
 """Lower bound on glucose, constraint (19) of Parker, Doyle & Peppas (1999)."""
@@ -71,13 +76,69 @@ class Ended:
         return self.of_glucose(100.0 * count / self.points)
 
 
-class Metric:
-    """A fold; a subclass counts at points of the grid, at samples, or at both.
+@dataclass(frozen=True)
+class Result:
+    """One number of a metric."""
+
+    name: str
+    """Key in JSON and column of trials, with the unit of the value at its end."""
+    summary: str
+    """Definition, one sentence."""
+    title: str = ""
+    """Name in tables; without one it is not shown there."""
+    unit: str = ""
+    """Unit in tables."""
+    digits: int = 1
+    divisor: float = 1.0
+    """Number by which the value is divided to be in the unit of tables."""
+    exact_if: str = ""
+    """Result that is true where the value is exact, and false where it is only a lower bound."""
+    seldom: bool = False
+    """Whether tables leave it out if it is 0 in all runs."""
+    concentration: bool = False
+    """Whether it is a concentration of glucose; one below 0 is not valid."""
+    fall: bool = False
+    """Whether it is a fall of glucose below the setpoint; one to below 0 is not valid."""
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise Refusal(
+                f"{self.name!r} cannot name the result of a metric; use letters, digits and underscores only, "
+                "as in 'time_70_140_pct'"
+            )
+
+    @property
+    def heading(self) -> str:
+        """Name and unit in tables."""
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+    def text(self, value: float, setpoint_mg_dl: float = math.inf) -> str:
+        """Text of a value in the unit of tables, without the unit; the setpoint is that of a fall."""
+        if (self.concentration and value < 0.0) or (self.fall and value > setpoint_mg_dl):
+            return NOT_VALID
+        return f"{value / self.divisor:z.{self.digits}f}" if math.isfinite(value) else NOT_AVAILABLE
+
+
+class Metric(Part):
+    """An accumulator: its results, settings and computation. It counts at points of the grid, at samples, or at both.
 
     All methods are pure functions of JAX arrays with the shape of the people, `()` for one. The same code runs in
     `summarise`, as a scan over a trace, and in the compiled loop of a cohort. Only what `finish` uses beside operators
     comes from `Ended`, since it gets arrays of NumPy as well as those of JAX.
     """
+
+    kind: ClassVar = "metric"
+    section: ClassVar[str] = "Further metrics"
+    """Heading of its rows in tables."""
+    always: ClassVar[bool] = False
+    """Whether it is computed without a request."""
+    numbers: ClassVar[tuple[Result, ...]] = ()
+    """Its results, where they do not depend on its settings."""
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Results with these settings; Refusal for settings that make an impossible name of a result."""
+        return self.numbers
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
         """State at the start, from glucose and the rate at rest: a pytree of numbers.
@@ -95,7 +156,7 @@ class Metric:
         return state
 
     def finish(self, trajectory: Trajectory, state: Any, ended: Ended) -> dict[str, Any]:
-        """Results by the names that the entry of the metric gives."""
+        """Results by the names of `results`."""
         raise NotImplementedError
 
 
