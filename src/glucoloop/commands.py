@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.screen import collected_notes
-from glucoloop.cli.study_command import Outcome, carry_out, study_options
+from glucoloop.cli.study_command import StudyOutcome, carry_out, study_options
 from glucoloop.component.code import loaded
 from glucoloop.component.effects import NoEffectWarning
 from glucoloop.component.grammar import part_text
@@ -50,7 +50,7 @@ class CommandResult:
 
     command: str
     """Name of the command."""
-    outcome: Outcome
+    outcome: StudyOutcome
     notes: tuple[str, ...]
     """Sentences that the command prints on standard error."""
 

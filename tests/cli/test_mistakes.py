@@ -337,8 +337,8 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
 LONG_WORK = {
     "identify": "glucoloop.studies.identification.study._from_patient",
     "bound": "glucoloop.studies.bound.study._bounds",
-    "tune": "glucoloop.studies.tuning.study.found",
-    "detect": "glucoloop.studies.detection.study.found",
+    "tune": "glucoloop.studies.tuning.study.results_of",
+    "detect": "glucoloop.studies.detection.study.results_of",
     "compare --controller mpc --controller pid": "glucoloop.studies.run.study.close_the_loop",
 }
 

@@ -139,12 +139,13 @@ def test_a_campaign_runs(glucoloop, monkeypatch):
 def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatch, broken):
     told = {promise: broken.get(promise, ()) for promise in OF_CONTROLLER}
     arm = {"controller": "pid", "loops": 50, "samples": 50 * NONSENSE_SAMPLES, "told": told}
+    arm |= {"sample_time_min": 5.0, "precision": "float64"}
     arm["broken"] = {promise: len(loops) for promise, loops in told.items()}
     monkeypatch.setattr(study, "run_nonsense", lambda given, progress: iter([{"arm": arm}]))
     asked = ("verify", "--nonsense", 4800, "--seed", 3, "--controller", "pid")
     answer = glucoloop(*asked)
     assert answer.code == (1 if broken else 0)
-    assert "4800 samples of guarded controllers with nonsense as readings, " in answer.out
+    assert "4800 samples of guarded controllers with nonsense as inputs, " in answer.out
     assert answer.out.endswith(f"Broken: {CAPS}.\n" if broken else "Every promise was kept.\n")
     again = "glucoloop verify --nonsense 1 --seed 3 --controller pid --person 9"
     assert (f"pid, guarded, loop 9: {CAPS}; {again}" in answer.out) == bool(broken)

@@ -27,7 +27,7 @@ def test_who_has_not_settled_is_told():
 def test_people_are_their_spread():
     people = np.arange(101.0)
     lines = str(metrics_of(people, minimum_mg_dl=np.append(people[:-1], np.nan))).splitlines()
-    assert lines[0].split() == ["5", "%", "median", "95", "%", "of", "101", "people"]
+    assert lines[0].split() == ["5th", "pct.", "median", "95th", "pct.", "of", "101", "people"]
     by_title = {line[:31].strip(): line.split()[-4:] for line in lines}
     assert by_title["Undershoot"] == ["5.0", "50.0", "95.0", "mg/dl"]
     assert by_title["Least glucose"] == ["5.0", "49.5", "94.0", "mg/dl"]

@@ -7,7 +7,7 @@ import pytest
 from rich.table import Table
 
 from glucoloop import Refusal
-from glucoloop.cli.study_command import _StudyRun
+from glucoloop.cli.study_command import StudyOutcome, _StudyRun
 from glucoloop.storage.results import Results
 
 
@@ -35,7 +35,7 @@ def read(tmp_path, plain):
 
 
 def test_whole_findings_are_shown_again(tmp_path, capsys):
-    RUN.print_results(read(tmp_path, WHOLE), {}, "")
+    StudyOutcome(RUN, read(tmp_path, WHOLE), {}, "").print()
     assert "1.5" in capsys.readouterr().out
 
 
@@ -53,7 +53,7 @@ def test_whole_findings_are_shown_again(tmp_path, capsys):
 )
 def test_findings_of_another_form_are_refused(tmp_path, capsys, changed):
     with pytest.raises(Refusal, match=r"test\.json does not hold what this study finds; move it away"):
-        RUN.print_results(read(tmp_path, {**WHOLE, **changed}), {}, "")
+        StudyOutcome(RUN, read(tmp_path, {**WHOLE, **changed}), {}, "").print()
 
 
 @pytest.mark.parametrize("text", ["", "[]", "[" * 5000, '{"rows": NaN}', '{"rows": 1, "rows": 2}', '{"a": "\\ud800"}'])
@@ -64,4 +64,4 @@ def test_a_file_of_no_findings_is_refused(tmp_path, text):
 
 def test_a_bug_stays_a_bug(capsys):
     with pytest.raises(KeyError):
-        RUN.print_results(Results({"rows": [{}]}), {}, "")
+        StudyOutcome(RUN, Results({"rows": [{}]}), {}, "").print()

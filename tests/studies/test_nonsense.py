@@ -101,7 +101,7 @@ def test_nothing_is_broken_by_false_reports_at_any_sample_time(patient):
 
 
 def test_a_guard_that_believes_a_report_of_too_little_is_found(monkeypatch):
-    monkeypatch.setattr(guard, "largest_rate", lambda given, asked, reported, change: reported)
+    monkeypatch.setattr(guard, "largest_possible_rate", lambda doses, requested, reported, change: reported)
     result = found(nonsense=20_000, controllers=("basal-bolus",), patient="hovorka-2004")
     assert result["violations"][CAPS] > 0
     [arm] = result["arms"]

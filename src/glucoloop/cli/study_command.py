@@ -73,7 +73,7 @@ def _run(study: Study, typed: Given) -> None:
         sys.exit(1)
 
 
-def carry_out(study: Study, typed: Given) -> Outcome:
+def carry_out(study: Study, typed: Given) -> StudyOutcome:
     """Check the options of a study, and carry it out or go on with it."""
     request = request_of(typed, study_options(study))
     read_root(study.request, request.tree)
@@ -87,7 +87,7 @@ def carry_out(study: Study, typed: Given) -> Outcome:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StudyOutcome:
     """Results of a study that was carried out, and the files that hold them."""
 
     run: _StudyRun
@@ -112,9 +112,13 @@ class Outcome:
     def sentences(self) -> tuple[str, ...]:
         """Conclusions and notes, in the units that are shown."""
         run, results = self.run, self.results
-        notes = (text for text in results.plain.get("notes", ()) if text not in run.without_effect)
         with results.refusing_damage():
-            return tuple(map(in_shown_units, (*run.sentences("sentences", run.config, results), *notes)))
+            conclusions = run.sentences("sentences", run.config, results)
+            return tuple(map(in_shown_units, (*conclusions, *self._further_notes())))
+
+    def _further_notes(self) -> tuple[str, ...]:
+        """Notes that were not given before the study was carried out."""
+        return tuple(text for text in self.results.plain.get("notes", ()) if text not in self.run.without_effect)
 
     def print(self) -> None:
         """Print the results: as JSON, or as tables and sentences, the place of the files, and how to go on."""
@@ -123,8 +127,7 @@ class Outcome:
         with results.refusing_damage():
             next_steps = tuple(run.sentences("next_steps", results, self.files))
         if run.output.json:
-            notes = (text for text in results.plain.get("notes", ()) if text not in run.without_effect)
-            print_json(results.plain, self.files, notes)
+            print_json(results.plain, self.files, self._further_notes())
             return
         with results.refusing_damage():
             for table in tables:
@@ -211,7 +214,7 @@ class _StudyRun:
         return results
 
 
-def _run_trial(study: TrialStudy, request: Request, where: Computing) -> Outcome:
+def _run_trial(study: TrialStudy, request: Request, where: Computing) -> StudyOutcome:
     from glucoloop.trials.folder import SHARDS, TrialFolder, trial_folder
 
     out = _needed_folder(study, request.output)
@@ -236,10 +239,12 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> Outcome
 
     results = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
     files = _paths(out, *work.final, work.configuration)
-    return Outcome(run, results, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
+    return StudyOutcome(
+        run, results, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}."
+    )
 
 
-def _run_search(study: SearchStudy, request: Request) -> Outcome:
+def _run_search(study: SearchStudy, request: Request) -> StudyOutcome:
     output = request.output
     out = _needed_folder(study, output) if study.needs_folder else output.place
     from glucoloop.storage.rows import RowsFolder, rows_folder
@@ -264,14 +269,14 @@ def _run_search(study: SearchStudy, request: Request) -> Outcome:
 
     if out is None:
         rows: list[Any] = []
-        return Outcome(run, run.with_notes(search(rows, rows.append)), {})
+        return StudyOutcome(run, run.with_notes(search(rows, rows.append)), {})
     work = run.work("search", study.extent)
     opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
     results = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
-    return Outcome(run, results, _paths(out, *work.final, row_kind.file, work.configuration))
+    return StudyOutcome(run, results, _paths(out, *work.final, row_kind.file, work.configuration))
 
 
-def _run_plain(study: PlainStudy, request: Request) -> Outcome:
+def _run_plain(study: PlainStudy, request: Request) -> StudyOutcome:
     files: dict[str, str] = {}
     with (
         request.output.folder(f"{study.name}.toml", study.summary)
@@ -298,7 +303,7 @@ def _run_plain(study: PlainStudy, request: Request) -> Outcome:
         interruption = (
             f"interrupted; of {amount} {unit} {results.plain[unit]} were checked to the end; their results follow"
         )
-    return Outcome(run, results, files, None if study.keeps_files else "", interruption)
+    return StudyOutcome(run, results, files, None if study.keeps_files else "", interruption)
 
 
 def _needed_folder(study: Study, output: Output) -> Path:

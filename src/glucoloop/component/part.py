@@ -138,6 +138,11 @@ class Part:
         values = {name: cls.setting(name).check(value, where) for name, value in given.items()}
         for name, setting in cls.settings().items():
             object.__setattr__(made, name, _bare(values.get(name, setting.default.noise_free)))
+        for field in dataclasses.fields(typing.cast(Any, cls)):
+            if WIRING in field.metadata and field.default is not dataclasses.MISSING:
+                object.__setattr__(made, field.name, field.default)
+            elif WIRING in field.metadata and field.default_factory is not dataclasses.MISSING:
+                object.__setattr__(made, field.name, field.default_factory())
         return made._noted(values, where, display_name)
 
     def _noted(self, given: Mapping[str, Any], where: str, name: str) -> Self:

@@ -88,6 +88,7 @@ class PIDIFB(OfPerson, name="pid-ifb"):
 
     Examples
     --------
+    >>> from glucoloop.therapy import Profile
     >>> controller = PIDIFB().of_person(Profile(basal_mU_min=15.0, setpoint_mg_dl=110.0, total_daily_dose_U=45.0))
     >>> round(float(controller.proportional()), 3)
     0.333

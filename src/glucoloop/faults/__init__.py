@@ -11,11 +11,11 @@ from glucoloop.faults.fault import DURATION, KEY, LATEST, PER_DAY, START, TIMING
 from glucoloop.faults.pump import (
     PUMP_FAULTS,
     Battery,
+    CoarseDelivery,
     Misreported,
     MissedPulses,
     Occlusion,
     PumpFault,
-    Resolution,
     Unheard,
 )
 from glucoloop.faults.schedule import Episode, Episodes, always, never, once, recurring
@@ -47,6 +47,7 @@ __all__ = [
     "TIMING",
     "Battery",
     "Calibration",
+    "CoarseDelivery",
     "Compression",
     "Drift",
     "Episode",
@@ -61,7 +62,6 @@ __all__ = [
     "OutOfOrder",
     "PumpFault",
     "Repeated",
-    "Resolution",
     "Saturation",
     "SensorFault",
     "Spikes",

@@ -100,7 +100,7 @@ def _passing(delivery: Delivery, present: jax.Array, fraction: float, *, noticed
     return dataclasses.replace(through, reported_mU_min=rate, reported_bolus_mU=bolus)
 
 
-class Resolution(WholeSteps, Untimed, name="resolution"):
+class CoarseDelivery(WholeSteps, Untimed, name="resolution"):
     """Whole steps alone are delivered, from a least dose on; the remainder is delivered later."""
 
     part: ClassVar[Literal["sensor", "pump"]] = "pump"
@@ -233,4 +233,4 @@ class Misreported(PumpFault, Timed, name="misreported"):
 
 
 # From the inside out, as they are drawn: what is around a pump without power does not restart.
-PUMP_FAULTS: Final = (Resolution, Battery, MissedPulses, Occlusion, Unheard, Misreported)
+PUMP_FAULTS: Final = (CoarseDelivery, Battery, MissedPulses, Occlusion, Unheard, Misreported)

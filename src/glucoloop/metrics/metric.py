@@ -133,7 +133,7 @@ class Metric(Part):
     always: ClassVar[bool] = False
     """Whether it is computed without a request."""
     numbers: ClassVar[tuple[Result, ...]] = ()
-    """Its results, where they do not depend on its settings."""
+    """Results of the metric, where they do not depend on its settings."""
 
     @property
     def results(self) -> tuple[Result, ...]:
