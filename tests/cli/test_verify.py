@@ -147,7 +147,7 @@ def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatc
     assert answer.code == (1 if broken else 0)
     assert "4800 samples of guarded controllers with nonsense as inputs, " in answer.out
     assert answer.out.endswith(f"Broken: {CAPS}.\n" if broken else "Every promise was kept.\n")
-    again = "glucoloop verify --nonsense 1 --seed 3 --controller pid --person 9"
+    again = "glucoloop verify --nonsense 1 --sample-time 5 --precision float64 --seed 3 --controller pid --person 9"
     assert (f"pid, guarded, loop 9: {CAPS}; {again}" in answer.out) == bool(broken)
     assert glucoloop(*asked, "--json").json["violations"][CAPS] == len(broken.get(CAPS, ()))
 
