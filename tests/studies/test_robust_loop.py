@@ -40,7 +40,7 @@ def _designed_at_once():
         return design
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("glucoloop.studies.robust.search.design_of", design_of)
+        patch.setattr("glucoloop.studies.robust.tuning_loop.design_of", design_of)
         yield
 
 

@@ -128,7 +128,7 @@ def _kind(part: Any) -> tuple[type, Any]:
 def _idle(fault: Any) -> Any:
     """A fault that never begins."""
     episodes = dataclasses.replace(fault.episodes, earliest=math.inf, latest=math.inf, probability=0.0)
-    return fault.replaced(episodes=episodes)
+    return fault.replaced(schedule=episodes)  # from which its episodes follow, whatever else is replaced
 
 
 def faulty_sensor(
