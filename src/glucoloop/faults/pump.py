@@ -212,7 +212,7 @@ class Misreported(PumpFault, Timed, name="misreported"):
     }
 
     def start(self, insulin_mU_min: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Rate and bolus that the inner pump reported at the sample before."""
+        """Last rate and bolus that the inner pump reported."""
         return insulin_mU_min, jnp.zeros_like(insulin_mU_min)
 
     def respond(
@@ -225,7 +225,10 @@ class Misreported(PumpFault, Timed, name="misreported"):
             return jnp.where(present, part * jnp.where(late, before, correct), correct)
 
         rate, bolus = delivery.reported_mU_min, delivery.reported_bolus_mU
-        return (rate, jnp.zeros_like(rate) if bolus is None else bolus), dataclasses.replace(
+        # a pump without power reports nothing: the last report that there was is remembered
+        latest = jnp.where(jnp.isfinite(rate), rate, memory[0])
+        latest_bolus = memory[1] if bolus is None else jnp.where(jnp.isfinite(bolus), bolus, memory[1])
+        return (latest, latest_bolus), dataclasses.replace(
             delivery,
             reported_mU_min=report(rate, memory[0], self.rate_part),
             reported_bolus_mU=None if bolus is None else report(bolus, memory[1], self.bolus_part),
