@@ -22,7 +22,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Observation
 from glucoloop.control.decision import decide, is_known
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.part import ControllerPart
+from glucoloop.control.part import ControllerComponent
 from glucoloop.pumps import DoseLimits
 
 TIMES = 10.0
@@ -52,7 +52,7 @@ class Asking:
         return state, decide(state, observation.delivered_mU_min, self.limits, is_known(observation))
 
 
-class Reckless(ControllerPart, name="reckless"):
+class Reckless(ControllerComponent, name="reckless"):
     """Ten times the basal rate, always."""
 
     uses_model: ClassVar = False

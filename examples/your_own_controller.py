@@ -9,10 +9,10 @@ import jax.numpy as jnp
 
 import glucoloop as gl
 from glucoloop.component import STATIC, About, wired
-from glucoloop.control import ControllerPart, Decision, Observation, Status
+from glucoloop.control import ControllerComponent, Decision, Observation, Status
 
 
-class YourOwnPI(ControllerPart, name="your-own-pi"):
+class YourOwnPI(ControllerComponent, name="your-own-pi"):
     """``u = u_basal + K (e + integral of e / tau)``, with the error e = reading - setpoint."""
 
     uses_model = False  # no model is identified for it

@@ -7,11 +7,17 @@ glucoloop detect --estimator moving-horizon --estimator your_own_estimator:Juice
 from typing import Annotated, ClassVar
 
 from glucoloop.component import About
-from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorPart, MealHabits, MealHorizon, design_meal_horizon
+from glucoloop.estimation.unknown_meal import (
+    ESTIMATORS,
+    EstimatorComponent,
+    MealHabits,
+    MealHorizon,
+    design_meal_horizon,
+)
 from glucoloop.models.nonlinear import FedModel
 
 
-class Juice(EstimatorPart):
+class Juice(EstimatorComponent):
     """The moving horizon, with many meals through a fast gut, which are searched for longer."""
 
     make: ClassVar = "your_own_estimator:for_juice"

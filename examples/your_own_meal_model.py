@@ -6,13 +6,13 @@ glucoloop run --meal-model 'your_own_meal_model:AfterFat, fat_g=30'
 from typing import Annotated, ClassVar
 
 from glucoloop.component import About
-from glucoloop.meals import HovorkaGut, MealModelPart
+from glucoloop.meals import HovorkaGut, MealModelComponent
 
 MIN_PER_G_OF_FAT = 0.7
 """Assumed here, to show how a meal model is made; no study is behind it."""
 
 
-class AfterFat(MealModelPart):
+class AfterFat(MealModelComponent):
     """The gut of Hovorka et al. (2004) with an appearance that fat delays."""
 
     make: ClassVar = "your_own_meal_model:after_fat"

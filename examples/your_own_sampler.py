@@ -9,10 +9,10 @@ from typing import ClassVar
 from scipy.stats import qmc
 
 from glucoloop.component import Tuned
-from glucoloop.tuning import SamplerPart
+from glucoloop.tuning import SamplerComponent
 
 
-class Sobol(SamplerPart):
+class Sobol(SamplerComponent):
     """A scrambled Sobol sequence, which fills the ranges more evenly than random draws."""
 
     make: ClassVar = "your_own_sampler:Points"

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.component import STATIC, About, wired
 from glucoloop.control import internal_model_tuning
-from glucoloop.sensors import Reading, SensorPart
+from glucoloop.sensors import Reading, SensorComponent
 
 
-class LateSteps(SensorPart, name="late-steps"):
+class LateSteps(SensorComponent, name="late-steps"):
     """A lag as under the skin, and whole steps."""
 
     lag_min: Annotated[float, About("Time constant of the lag.", above=0.0)] = 8.0

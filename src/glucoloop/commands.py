@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Any
 from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.screen import collected_notes
 from glucoloop.cli.study_command import StudyOutcome, carry_out, study_options
+from glucoloop.component.base import Component
 from glucoloop.component.code import loaded
 from glucoloop.component.effects import NoEffectWarning
 from glucoloop.component.grammar import part_text
-from glucoloop.component.part import Part
 from glucoloop.component.setting import known_names, value_text
 from glucoloop.refusal import Refusal
 from glucoloop.studies.catalogue import STUDIES
@@ -202,7 +202,7 @@ def _typed(command: str, options: tuple[CommandOption, ...], values: Mapping[str
 
 def _text(option: CommandOption, value: Any) -> str:
     """Text that stands on the command line for a value."""
-    if isinstance(value, Part):
+    if isinstance(value, Component):
         return value.text
     if isinstance(value, Mapping):
         return part_text(value)

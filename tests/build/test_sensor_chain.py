@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 from glucoloop.build.surroundings import sensor_of
-from glucoloop.sensors import IdealSensor, Lag, Reading, SensorPart, WhiteNoise
+from glucoloop.sensors import IdealSensor, Lag, Reading, SensorComponent, WhiteNoise
 from glucoloop.situations.situation import Situation
 
 
@@ -21,7 +21,7 @@ class Alone:
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))
 
 
-class AlonePart(SensorPart, name="alone"):
+class AlonePart(SensorComponent, name="alone"):
     """A sensor that has no other inside."""
 
     def made(self, *, site=None, **known):

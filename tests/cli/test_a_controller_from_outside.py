@@ -10,7 +10,7 @@ import pytest
 from glucoloop.component.code import found
 from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.control.part import ControllerPart
+from glucoloop.control.part import ControllerComponent
 from glucoloop.situations.toml import toml_text
 from requests_read import asked
 
@@ -39,7 +39,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
         (("--controller", "your_own_controller:NO"), "your_own_controller has no NO; name what it defines"),
         (
             ("--controller", "your_own_controller:Observation"),
-            "your_own_controller:Observation is no controller: make it a class of ControllerPart",
+            "your_own_controller:Observation is no controller: make it a class of ControllerComponent",
         ),
         (("--controller", f"{NAME}, integral_h=9"), "has no setting 'integral_h'; did you mean 'integral_min'?"),
         (
@@ -117,14 +117,14 @@ def test_a_trial_designs_it_for_each_person(outside, glucoloop):
 )
 def test_a_part_that_cannot_be_meant_is_refused(changed, told):
     with pytest.raises(TypeError, match=told):
-        type("X", (ControllerPart,), changed, name="x")
+        type("X", (ControllerComponent,), changed, name="x")
 
 
 def test_a_setting_that_does_not_say_what_it_means_is_refused():
-    class Mistyped(ControllerPart, name="mistyped"):
+    class Mistyped(ControllerComponent, name="mistyped"):
         k: Annotated[int, About("")] = "a"
 
-    class Unsaid(ControllerPart, name="unsaid"):
+    class Unsaid(ControllerComponent, name="unsaid"):
         k: int = 1
 
     with pytest.raises(ValueError, match="k is 'a', a str; give a whole number"):
@@ -175,7 +175,7 @@ PLAIN = """
 import jax
 from dataclasses import dataclass
 from glucoloop.control import Decision
-from glucoloop.control.part import ControllerPart
+from glucoloop.control.part import ControllerComponent
 
 
 @jax.tree_util.register_static
@@ -191,7 +191,7 @@ class Plain:
         return state, Decision(insulin_mU_min=rate + 0.0 * state, status=0)
 
 
-class PlainPart(ControllerPart, name="plain"):
+class PlainPart(ControllerComponent, name="plain"):
     uses_model = False
 
     def designed(self, case):

@@ -39,7 +39,7 @@ def test_it_is_around_the_sensor_while_it_is_there(outside, name):
     ("text", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_fault:Reading", "your_own_fault:Reading is no fault: make it a class of FaultPart"),
+        ("your_own_fault:Reading", "your_own_fault:Reading is no fault: make it a class of FaultComponent"),
         ("nobody", "unknown fault 'nobody'"),
         (f"{NAME}, steps=1", "has no setting 'steps'; the known ones are: start_min, latest_min"),
         (f"{NAME}, step_mg_dl=0", "step_mg_dl is 0 mg/dl; give a finite number above 0 mg/dl"),

@@ -56,7 +56,7 @@ def _fasting(insulin):
         ("nobody", "unknown patient 'nobody'; the known ones are: parker-1999, hovorka-2004"),
         ("no_such_module:X", "no_such_module cannot be imported: ModuleNotFoundError"),
         ("bergman:NOBODY", "bergman has no NOBODY; name what it defines, like bergman:NAME"),
-        ("bergman:MODEL", "bergman:MODEL is no patient: make it a class of PatientPart"),
+        ("bergman:MODEL", "bergman:MODEL is no patient: make it a class of PatientComponent"),
     ],
 )
 def test_what_cannot_be_found_is_told(outside, glucoloop, name, told):

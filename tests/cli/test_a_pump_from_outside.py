@@ -9,7 +9,7 @@ import pytest
 
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import pump_of
-from glucoloop.pumps import PUMPS, PumpPart
+from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
@@ -68,7 +68,7 @@ def test_runs_and_trials_keep_it_with_all_its_settings(outside):
     ("text", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_pump:About", "your_own_pump:About is no pump: make it a class of PumpPart"),
+        ("your_own_pump:About", "your_own_pump:About is no pump: make it a class of PumpComponent"),
         ("nothing", "unknown pump 'nothing'"),
         (f"{NAME}, lag_h=1", "the pump soft-tube has no setting 'lag_h'; did you mean 'lag_min'?"),
         (f"{NAME}, lag_min=0", "soft-tube: lag_min is 0 min; give a finite number above 0 min"),
@@ -108,5 +108,5 @@ def test_the_pump_with_a_resolution_is_that_of_the_option():
 def test_an_entry_with_a_limit_that_no_run_has_is_refused():
     with pytest.raises(TypeError, match="the pump x has a limit 'max_mU'; the known ones are: max_change_mU_min"):
 
-        class X(PumpPart, name="x"):
+        class X(PumpComponent, name="x"):
             own_limits: ClassVar = {"max_mU": 1.0}

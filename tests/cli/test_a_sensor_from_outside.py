@@ -58,7 +58,7 @@ def test_runs_and_trials_keep_it_with_all_its_settings(outside):
     ("text", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_sensor:Reading", "your_own_sensor:Reading is no sensor: make it a class of SensorPart"),
+        ("your_own_sensor:Reading", "your_own_sensor:Reading is no sensor: make it a class of SensorComponent"),
         ("nothing", "unknown sensor 'nothing'"),
         (f"{NAME}, lag_h=1", "the sensor late-steps has no setting 'lag_h'; did you mean 'lag_min'?"),
         (f"{NAME}, lag_min=0", "late-steps: lag_min is 0 min; give a finite number above 0 min"),

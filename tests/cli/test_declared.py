@@ -13,7 +13,7 @@ import pytest
 
 from glucoloop.cli import app
 from glucoloop.cli.study_command import study_options
-from glucoloop.component.part import Part
+from glucoloop.component.base import Component
 from glucoloop.report.columns import Column, terminal_table, whole
 from glucoloop.situations.option import Option
 from glucoloop.storage.results import Results
@@ -25,7 +25,7 @@ from glucoloop.trials.trial import Trial
 _search = functools.partial(Option, panel="Search")
 
 
-class ExternalDoses(Part):
+class ExternalDoses(Component):
     """What the study asks for."""
 
     kind: ClassVar = "squares"

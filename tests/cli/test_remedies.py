@@ -19,7 +19,7 @@ SHARED = {
     "cli/command.py": None,  # what is said of an option that was typed
     "cli/request.py": None,
     "cli/trial_progress.py": None,
-    "component/part.py": None,
+    "component/base.py": None,
     "storage/disk.py": WRITING,
     "storage/folder.py": WRITING,
     "storage/resumable.py": WRITING,

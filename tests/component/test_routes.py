@@ -9,7 +9,7 @@ from glucoloop.component.grammar import given
 from glucoloop.component.routes import PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.guard_settings import guard_of
-from glucoloop.patients.settings import PATIENTS, OperatingPoint, PatientPart, patient_entry
+from glucoloop.patients.settings import PATIENTS, OperatingPoint, PatientComponent, patient_entry
 from glucoloop.simulation.closed_loop import usual_limits
 from glucoloop.situations.request import request_from
 from glucoloop.situations.run import Run
@@ -18,7 +18,7 @@ from glucoloop.situations.run import Run
 def entry_of(route):
     """A patient of another package that says no more than it has to."""
 
-    class Somebody(PatientPart, name="somebody"):
+    class Somebody(PatientComponent, name="somebody"):
         """Somebody."""
 
         model = "somewhere:MODEL"

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue, catalogues
 from glucoloop.component.grammar import part_text, part_tree, plain
-from glucoloop.component.part import Part
 from glucoloop.component.setting import About, Default, Setting, known_names, usual
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import SETPOINT
 
 
-class _Lamp(Part):
+class _Lamp(Component):
     kind: ClassVar = "lamp"
 
 

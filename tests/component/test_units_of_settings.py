@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from glucoloop.component.base import read
 from glucoloop.component.catalogue import catalogues
 from glucoloop.component.grammar import given as given_values
 from glucoloop.component.grammar import part_text, part_tree
-from glucoloop.component.part import read
 from glucoloop.component.setting import WithUnit
 from glucoloop.control.basal_bolus import design_basal_bolus
 from glucoloop.pumps import dose_limits

@@ -11,7 +11,7 @@ from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.tuning import DEFAULT_FLOOR_WEIGHT
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients.settings import DEFAULT_PATIENT, OperatingPoint, PatientPart
+from glucoloop.patients.settings import DEFAULT_PATIENT, OperatingPoint, PatientComponent
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
@@ -60,7 +60,7 @@ def test_a_name_has_one_type_in_all_controllers():
             assert found.setdefault(name, (setting.kind, setting.choices)) == (setting.kind, setting.choices), name
 
 
-class _Somebody(PatientPart, name="somebody"):
+class _Somebody(PatientComponent, name="somebody"):
     """Somebody."""
 
     model = "somewhere:MODEL"

@@ -8,7 +8,7 @@ from glucoloop.build.designs import with_guard
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.control import Guard, GuardSettings, design_open_loop
 from glucoloop.control.guard_settings import GUARDS, OF_ROUTE, guard_of
-from glucoloop.patients.settings import DEFAULT_PATIENT, PatientPart, patient_entry
+from glucoloop.patients.settings import DEFAULT_PATIENT, PatientComponent, patient_entry
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
@@ -29,7 +29,7 @@ def test_usual_limits_are_those_of_the_route_and_of_the_patient():
         ValueError, match="unknown route of insulin 'nasal'; the known ones are: intravenous, subcutaneous"
     ):
 
-        class Nasal(PatientPart, name="nasal"):
+        class Nasal(PatientComponent, name="nasal"):
             """Somebody with insulin through the nose."""
 
             model = "somewhere:MODEL"

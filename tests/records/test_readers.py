@@ -343,12 +343,12 @@ OWN = '''
 
 import polars as pl
 
-from glucoloop.records import ReaderPart
+from glucoloop.records import ReaderComponent
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.times import times_of
 
 
-class Diary(ReaderPart, name="diary"):
+class Diary(ReaderComponent, name="diary"):
     """Lines of a time and a reading."""
 
     home = __name__

@@ -16,7 +16,7 @@ from glucoloop.build.random_keys import record_key
 from glucoloop.build.surroundings import record_sensor
 from glucoloop.build.titration import profile_of
 from glucoloop.control import Controller, Guard, GuardSettings, guarded, paced
-from glucoloop.control.part import ControllerPart
+from glucoloop.control.part import ControllerComponent
 from glucoloop.identification import FirstOrderModel, Identification
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
@@ -138,7 +138,7 @@ def design_of(
     *,
     model_is_late: bool = False,
     profile: Profile | None = None,
-) -> Callable[[ControllerPart], Controller]:
+) -> Callable[[ControllerComponent], Controller]:
     """Make the design of a case for any settings of its controller, on models that are made once.
 
     The patient is the nominal one by default, with its profile. A model is identified from the patient if the
@@ -171,7 +171,7 @@ def design_of(
                 "give the time at the start, like --start 06:00 (start in a file)",
             )
 
-    def designed(settings: ControllerPart) -> Controller:
+    def designed(settings: ControllerComponent) -> Controller:
         refuse_without_clock(settings)  # before a design that takes long
         controller: Controller = settings.designed(design)
         refuse_without_clock(controller)

@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.faults import FaultPart
+from glucoloop.faults import FaultComponent
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump, with_resolution
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import IdealSensor, Sensor, SensorPart
+from glucoloop.sensors import IdealSensor, Sensor, SensorComponent
 from glucoloop.sensors.protocol import site_of
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
@@ -47,7 +47,7 @@ def sensor_of(situation: Situation) -> Sensor:
     return _chain(situation, situation.sensor)
 
 
-def _chain(situation: Situation, parts: Iterable[SensorPart]) -> Sensor:
+def _chain(situation: Situation, parts: Iterable[SensorComponent]) -> Sensor:
     site = situation.site
     sensor: Sensor = IdealSensor(site=site)
     for place, part in enumerate(part for part in parts if not isinstance(part, IdealSensor)):
@@ -77,7 +77,7 @@ def pump_of(situation: Situation) -> Pump:
     return pump if resolution is None else with_resolution(resolution, pump, limits=limits)
 
 
-def surroundings_of(situation: Situation, faults: Iterable[FaultPart] = ()) -> Surroundings:
+def surroundings_of(situation: Situation, faults: Iterable[FaultComponent] = ()) -> Surroundings:
     """Sensor and pump of a situation, wrapped in the faults of a case."""
     limits, every = situation.limits, (*situation.faults, *faults)
     pump = pump_of(situation)
@@ -132,7 +132,7 @@ def _idle(fault: Any) -> Any:
 
 
 def faulty_sensor(
-    sensor: Sensor, faults: Iterable[FaultPart], sample_time_min: float, warm_up_min: float = 0.0
+    sensor: Sensor, faults: Iterable[FaultComponent], sample_time_min: float, warm_up_min: float = 0.0
 ) -> Sensor:
     """A sensor wrapped in faults, the first one innermost; faults of a pump are skipped."""
     for fault in faults:
@@ -142,7 +142,7 @@ def faulty_sensor(
 
 
 def faulty_pump(
-    pump: Pump, faults: Iterable[FaultPart], sample_time_min: float, limits: DoseLimits, warm_up_min: float = 0.0
+    pump: Pump, faults: Iterable[FaultComponent], sample_time_min: float, limits: DoseLimits, warm_up_min: float = 0.0
 ) -> Pump:
     """A pump wrapped in faults, the first one innermost; faults of a sensor are skipped."""
     for fault in faults:
@@ -153,7 +153,7 @@ def faulty_pump(
 
 def put_around(
     inner: Any,
-    fault: FaultPart,
+    fault: FaultComponent,
     sample_time_min: float,
     limits: DoseLimits | None = None,
     *,

@@ -9,10 +9,10 @@ from typing import Any, Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import ALLOW_CODE, CommandOption, Given
 from glucoloop.cli.screen import note, print_text, print_value
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import catalogues
 from glucoloop.component.code import loaded
 from glucoloop.component.grammar import NONE
-from glucoloop.component.part import Part
 from glucoloop.component.references import Reference, cited_parts, known_references, reference
 from glucoloop.component.setting import Setting, known_names
 from glucoloop.metrics.catalogue import METRICS
@@ -95,11 +95,11 @@ def _without_computed(tree: Any) -> Any:
     return {key: leaf for key, leaf in tree.items() if key != "settled"} if isinstance(tree, dict) else tree
 
 
-def _is_own(part: type[Part]) -> bool:
+def _is_own(part: type[Component]) -> bool:
     return part.__module__.partition(".")[0] == _PROGRAM
 
 
-def _described(part: type[Part]) -> tuple[str, tuple[str, ...]]:
+def _described(part: type[Component]) -> tuple[str, tuple[str, ...]]:
     return f"{part.kind} {part.name}", part.sources
 
 
@@ -107,7 +107,7 @@ def _settings() -> Mapping[str, Setting]:
     """Settings of all studies whose values are parts, by name."""
     results: dict[str, Setting] = {}
     for entry in STUDIES.values():
-        request: type[Part] | None = getattr(loaded(entry.place), "request", None)
+        request: type[Component] | None = getattr(loaded(entry.place), "request", None)
         if request is not None:
             results.update((name, setting) for name, setting in request.settings().items() if setting.is_part)
     return results

@@ -15,7 +15,7 @@ from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.safety import safety_report
 from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
-from glucoloop.models.settings import FilePart
+from glucoloop.models.settings import FileComponent
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage.files import json_text, read_text, with_version
@@ -67,8 +67,8 @@ def write(config: Export, folder: OutputFolder, notes: Sequence[str]) -> tuple[M
     used["controller"][0].update({"settled": made.settled} if made.settled else {})
     if made.model is not None:
         folder.write("model.json", made.model.text())
-        if isinstance(config.case.model, FilePart):
-            used["controller"][0]["model"] = given["model"] = {"name": FilePart.name, "path": "model.json"}
+        if isinstance(config.case.model, FileComponent):
+            used["controller"][0]["model"] = given["model"] = {"name": FileComponent.name, "path": "model.json"}
     folder.write("run.toml", toml_text(used, "export --config run.toml --out DIR", given))
     return made, checks
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.grammar import part_text
-from glucoloop.component.part import Part
 from glucoloop.component.setting import Setting, value_text
 from glucoloop.situations.option import OUTPUT_PANEL, WORK_PANEL, Option
 
@@ -56,7 +56,7 @@ class CommandOption:
         return f"{self.help} Default: {self.default}." if self.default else self.help
 
 
-def options_of(root: type[Part]) -> tuple[CommandOption, ...]:
+def options_of(root: type[Component]) -> tuple[CommandOption, ...]:
     """Options of the settings of a class that are declared as such and not refused; with a sensor, the short ones."""
     options = [
         CommandOption(
@@ -96,9 +96,9 @@ def _metavar(setting: Setting) -> str:
 def _default_text(setting: Setting) -> str:
     """The default in words; empty where it goes without saying: none, off, or an empty list."""
     default = setting.default.noise_free
-    if default is None or isinstance(default, bool | Part) or default == ():
+    if default is None or isinstance(default, bool | Component) or default == ():
         return ""
-    if isinstance(default, tuple) and isinstance(default[0], Part):
+    if isinstance(default, tuple) and isinstance(default[0], Component):
         return ", ".join(part_text(part.tree()) for part in default)
     return ", ".join(map(value_text, default)) if setting.many else value_text(default)
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from glucoloop.cli.errors import written_whole
 from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, options_of
 from glucoloop.cli.screen import for_terminal, note, stage
+from glucoloop.component.base import Component
 from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
-from glucoloop.component.part import Part
 from glucoloop.patients.settings import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import request_from
@@ -22,7 +22,7 @@ from glucoloop.situations.request import request_from
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=Component)
 
 _NOT_FILLED_IN: Final = ("settled.", "model.path", "data")
 """Keys of a file that do not follow from what it leaves out: designs, and paths from its folder."""
@@ -250,7 +250,7 @@ def completed(request: Request, root: type[P]) -> P:
     return config
 
 
-def notes_without_effect(config: Part) -> tuple[str, ...]:
+def notes_without_effect(config: Component) -> tuple[str, ...]:
     """Notes on what was given of a complete request and changes nothing, by the names of options."""
     from glucoloop.situations.unused import without_effect
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, Generic, TypeVar
 
+from glucoloop.component.base import Component, read
 from glucoloop.component.code import added, entry_points, loaded
 from glucoloop.component.grammar import NAME, Tree, as_table, part_tree, place, plain
-from glucoloop.component.part import Part, read
 from glucoloop.component.setting import known_names
 from glucoloop.refusal import Refusal
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=Component)
 
 HOMES: Final = {
     "patient": "glucoloop.patients.settings:PATIENTS",

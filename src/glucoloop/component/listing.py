@@ -6,10 +6,10 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import catalogues
 from glucoloop.component.code import loaded
 from glucoloop.component.grammar import part_text
-from glucoloop.component.part import Part
 from glucoloop.component.references import reference
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.component.setting import Setting, choices_text, known_names, value_text
@@ -39,7 +39,7 @@ def listed(name_: str | None, requests: Mapping[str, str]) -> list[dict[str, Any
     return [described(kinds[kind].find(name)) for kind, name in names]
 
 
-def described(part: type[Part]) -> dict[str, Any]:
+def described(part: type[Component]) -> dict[str, Any]:
     """A part as plain values."""
     settings = (setting for setting in part.settings().values() if setting.name not in part.refused)
     return {
@@ -52,11 +52,11 @@ def described(part: type[Part]) -> dict[str, Any]:
     }
 
 
-def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
+def _setting(part: type[Component], setting: Setting) -> dict[str, Any]:
     usual: dict[str, Any] = {"": setting.default.noise_free}
     if setting.is_part:
         parts = setting.default.noise_free
-        parts = [parts] if isinstance(parts, Part) else parts or ()
+        parts = [parts] if isinstance(parts, Component) else parts or ()
         named = [part_text(part.tree()) for part in parts]
         more = f"; and {len(named) - _MAX_PARTS} more" if len(named) > _MAX_PARTS else ""
         usual = {"": "; ".join(named[:_MAX_PARTS]) + more} if named else {}

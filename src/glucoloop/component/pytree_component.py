@@ -2,7 +2,7 @@
 
 A sensor with noise of its own is one class::
 
-    class Noisy(SensorPart, name="noisy"):
+    class Noisy(SensorComponent, name="noisy"):
         \"\"\"Readings with normal noise.\"\"\"
 
         sd_mg_dl: Annotated[float, About("Standard deviation of the noise.", at_least=0.0)] = 3.0
@@ -31,7 +31,7 @@ from enum import Enum
 from typing import Any, ClassVar, Final, NamedTuple, Self, TypeVar
 
 from glucoloop._pytree import register
-from glucoloop.component.part import WIRING, Part
+from glucoloop.component.base import WIRING, Component
 
 T = TypeVar("T")
 
@@ -86,7 +86,7 @@ class _Attributes(NamedTuple):
     host: tuple[str, ...]
 
 
-class PytreeComponent(Part):
+class PytreeComponent(Component):
     """A component with its science as methods. An object of it is complete when it is made, and never changes."""
 
     def __init_subclass__(cls, **more: Any) -> None:

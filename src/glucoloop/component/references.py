@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Final
 
-from glucoloop.component.part import Part
+from glucoloop.component.base import Component
 
 _KINDS: Final = {
     "journal": "article",
@@ -99,13 +99,13 @@ def known_references() -> Mapping[str, Reference]:
     }
 
 
-def cited_parts(part: Part) -> Iterator[type[Part]]:
+def cited_parts(part: Component) -> Iterator[type[Component]]:
     """Classes of a part that has a name and of those that it holds, from the outermost inwards."""
     if part.name:
         yield type(part)
     for value in part.values().values():
         for inner in value if isinstance(value, tuple) else (value,):
-            if isinstance(inner, Part):
+            if isinstance(inner, Component):
                 yield from cited_parts(inner)
 
 

@@ -52,7 +52,7 @@ _SHORTEST_WORD: Final = 4
 
 @dataclass(frozen=True)
 class About:
-    """Meaning of a setting and its possible values: the annotation of a field of a `part.Part`.
+    """Meaning of a setting and its possible values: the annotation of a field of a `part.Component`.
 
     The bounds of a list are those of its items.
     """

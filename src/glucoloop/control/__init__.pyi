@@ -22,7 +22,7 @@ from .oref0.controller import Oref0 as Oref0
 from .oref0.controller import design_oref0 as design_oref0
 from .pace import Paced as Paced
 from .pace import paced as paced
-from .part import ControllerPart as ControllerPart
+from .part import ControllerComponent as ControllerComponent
 from .pid import PID as PID
 from .pid import PIDTuning as PIDTuning
 from .pid import design_pid as design_pid

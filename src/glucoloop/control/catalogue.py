@@ -14,13 +14,13 @@ from glucoloop.control.mpc_se import MPCSESettings
 from glucoloop.control.nlqdmc_se import NLQDMCSettings
 from glucoloop.control.open_loop import OpenLoop
 from glucoloop.control.oref0.controller import Oref0Settings
-from glucoloop.control.part import ControllerPart
+from glucoloop.control.part import ControllerComponent
 from glucoloop.control.pid import PIDSettings
 from glucoloop.control.pid_ifb import PIDIFB
 from glucoloop.control.profile_mpc import ProfileMPCSettings
 
-CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
-    ControllerPart,
+CONTROLLERS: Final[Catalogue[ControllerComponent]] = Catalogue(
+    ControllerComponent,
     (
         LinearMPCSettings,
         MPCSESettings,

@@ -10,9 +10,9 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Protocol
 
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import PROFILE, READINGS, Need
-from glucoloop.component.part import Part
 from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
@@ -58,7 +58,7 @@ OF_ROUTE: Final[dict[str, dict[str, float]]] = {
 """Usual settings by route of insulin, where they differ from the setting's own default, which is for a vein."""
 
 
-class GuardSettings(Part, name="usual"):
+class GuardSettings(Component, name="usual"):
     """Limits on readings, times and doses around any controller.
 
     See `control.guarded`. Values without a source were chosen by the experiments of the guide.

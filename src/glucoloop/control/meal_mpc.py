@@ -42,7 +42,7 @@ from glucoloop.control.tuning import (
 )
 from glucoloop.estimation.unknown_meal import (
     ESTIMATORS,
-    EstimatorPart,
+    EstimatorComponent,
     MealEstimate,
     MealEstimator,
     MealHabits,
@@ -161,7 +161,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         Tuned("measurement_variance", 0.3, 30.0, log=True, by_default=False),
     )
 
-    estimator: Annotated[EstimatorPart, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.usual].partial({})
+    estimator: Annotated[EstimatorComponent, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.usual].partial({})
     meals_per_h: Annotated[
         float,
         About("Expected number of meals per hour; more is quicker and less certain.", above=0.0, needs=(_STEADY,)),
@@ -505,7 +505,7 @@ def design_meal_mpc(
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
     habits: MealHabits | None = None,
-    estimator: EstimatorPart | None = None,
+    estimator: EstimatorComponent | None = None,
     disturbance_variance: float = MealMPCSettings.disturbance_variance,
     measurement_variance: float = 1.45,
     dead_time_samples: int = 0,
@@ -548,7 +548,7 @@ def design_meal_mpc(
         As for `design_mpc_se`, with a `MealTuning`.
     habits : MealHabits, optional
         Prior knowledge of meals.
-    estimator : EstimatorPart, optional
+    estimator : EstimatorComponent, optional
         One of `estimation.unknown_meal`; the moving horizon by default.
     disturbance_variance : float
         Variance of the change of unexplained glucose per sample, (mg/min)^2.
@@ -598,7 +598,7 @@ def design_meal_mpc(
     )
 
 
-def _measurement_variance(noise_variance: float, estimator: EstimatorPart) -> float:
+def _measurement_variance(noise_variance: float, estimator: EstimatorComponent) -> float:
     """Variance R for a sensor with white noise: what is beyond a bound is left to an estimator that learns noise."""
     learns = getattr(estimator, "noise_drift", 0.0) > 0.0
     return min(max(noise_variance, _MIN_VARIANCE), _MAX_VARIANCE if learns else math.inf)

@@ -10,12 +10,12 @@ from glucoloop.arguments import checked
 from glucoloop.component.pytree_component import DATA, STATIC, wired
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import check_rate, check_sample_time
-from glucoloop.control.part import ControllerPart
+from glucoloop.control.part import ControllerComponent
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
-class OpenLoop(ControllerPart, name="basal"):
+class OpenLoop(ControllerComponent, name="basal"):
     """The rate at which the loop starts, without a controller; see `design_open_loop` for another one."""
 
     uses_model: ClassVar = False

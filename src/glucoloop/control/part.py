@@ -77,7 +77,7 @@ CorrectionFactor = Annotated[
 ]
 
 
-class ControllerPart(PytreeComponent):
+class ControllerComponent(PytreeComponent):
     """Declaration of a controller.
 
     A controller joins every command by one class, entered in `control.catalogue.CONTROLLERS` or by the entry point of
@@ -145,7 +145,7 @@ class ControllerPart(PytreeComponent):
         )
 
 
-class ByProfile(ControllerPart):
+class ByProfile(ControllerComponent):
     """Declaration of a controller that doses by the profile of a person and gives boluses."""
 
     uses_model: ClassVar = False

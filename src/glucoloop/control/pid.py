@@ -18,14 +18,14 @@ from glucoloop.component.effects import ONLY_READINGS, Need
 from glucoloop.component.setting import About
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase, check_gain, check_number, check_sample_time
-from glucoloop.control.part import ControllerPart, FittedStep
+from glucoloop.control.part import ControllerComponent, FittedStep
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import PID_GAIN
 
 
-class PIDSettings(ControllerPart, name="pid"):
+class PIDSettings(ControllerComponent, name="pid"):
     """PID whose integral never winds up, tuned on a first-order model with dead time."""
 
     sources = ("rivera1986", "astrom1989")

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 from glucoloop._lazy_jax import np
 from glucoloop.component.effects import ONLY_READINGS
 from glucoloop.component.setting import About, usual
-from glucoloop.control.part import ControllerPart, SensorLag
+from glucoloop.control.part import ControllerComponent, SensorLag
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import GLUCOSE_BOUND
 
@@ -60,7 +60,7 @@ NoisePace = Annotated[
 DEFAULT_FLOOR_WEIGHT: Final = 10.0
 
 
-class MPCTuning(ControllerPart):
+class MPCTuning(ControllerComponent):
     """Horizons and weights of a predictive controller."""
 
     used: ClassVar = ONLY_READINGS

@@ -7,7 +7,7 @@ A fault joins every command, the stress test and the random faults of ``glucoloo
 from typing import Final
 
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.faults.fault import DURATION, KEY, LATEST, PER_DAY, START, TIMING, FaultPart, Timed, Untimed
+from glucoloop.faults.fault import DURATION, KEY, LATEST, PER_DAY, START, TIMING, FaultComponent, Timed, Untimed
 from glucoloop.faults.pump import (
     PUMP_FAULTS,
     Battery,
@@ -35,7 +35,9 @@ from glucoloop.faults.sensor import (
     Stuck,
 )
 
-FAULTS: Final = Catalogue(FaultPart, (*SENSOR_FAULTS, *PUMP_FAULTS), example="missing, start_min=120, duration_min=30")
+FAULTS: Final = Catalogue(
+    FaultComponent, (*SENSOR_FAULTS, *PUMP_FAULTS), example="missing, start_min=120, duration_min=30"
+)
 
 __all__ = [
     "DURATION",
@@ -52,7 +54,7 @@ __all__ = [
     "Drift",
     "Episode",
     "Episodes",
-    "FaultPart",
+    "FaultComponent",
     "Late",
     "Misreported",
     "MissedPulses",

@@ -44,7 +44,7 @@ class FaultState:
     memory: Any
 
 
-class FaultPart(PytreeComponent):
+class FaultComponent(PytreeComponent):
     """A fault around a sensor or a pump, its ``inner``. One that has times extends `Timed`."""
 
     kind: ClassVar = "fault"
@@ -85,14 +85,14 @@ class FaultPart(PytreeComponent):
         return {name: value for name, value in super().values().items() if value is not None}
 
 
-class Untimed(FaultPart):
+class Untimed(FaultComponent):
     """A fault without times of its own."""
 
     _: KW_ONLY
     key: Key = None
 
 
-class Timed(FaultPart):
+class Timed(FaultComponent):
     """A fault that has times: settings in minutes, or a `schedule` in samples; without either it is always present."""
 
     timed: ClassVar = True

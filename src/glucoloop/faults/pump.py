@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.pytree_component import DATA, HOST, derived, wired
 from glucoloop.component.setting import About
-from glucoloop.faults.fault import FaultPart, FaultState, Timed, Untimed
+from glucoloop.faults.fault import FaultComponent, FaultState, Timed, Untimed
 from glucoloop.faults.schedule import Episodes, recurring
 from glucoloop.pumps.expiring import Expiring
 from glucoloop.pumps.limits import DoseLimits, LimitedPump
@@ -26,7 +26,7 @@ _NO_STEP: Final = 2.0**-1000
 Noticed = Annotated[bool, About("Whether the pump reports the fault: true or false.")]
 
 
-class PumpFault(FaultPart):
+class PumpFault(FaultComponent):
     """A fault around a pump.
 
     One that changes single deliveries has the method `altered`; one that remembers has `start` and `respond`.

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.build.surroundings import put_around
 from glucoloop.control.protocol import Status
-from glucoloop.faults import FAULTS, FaultPart
+from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.lab.lowered_function import PageFunction, page_function, start_function
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
 from glucoloop.pumps import LimitedPump, Pump
@@ -39,7 +39,7 @@ _EACH_SAMPLE: Final = Ticks(1, 1)
 _NOTICED: Final = "noticed"
 
 
-def _fault_name(fault: FaultPart) -> str:
+def _fault_name(fault: FaultComponent) -> str:
     """Name under which the function of a fault is exported."""
     ending = f"_{_NOTICED}" if fault.values().get(_NOTICED) else ""
     return f"{fault.part}_{fault.name.replace('-', '_')}{ending}"
@@ -105,7 +105,7 @@ def errors_of(name: str) -> MonitorErrors:
     return dataclasses.replace(monitor, constants=dataclasses.replace(monitor.constants, **wide))
 
 
-def _fault_functions(fault: FaultPart) -> dict[str, PageFunction]:
+def _fault_functions(fault: FaultComponent) -> dict[str, PageFunction]:
     """The two functions of a fault of a sensor."""
     return _reading_functions(_fault_name(fault), put_around(_Passed(valid=jnp.asarray(True)), fault, SAMPLE_TIME_MIN))
 

@@ -11,13 +11,13 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from glucoloop.component.part import Part
+from glucoloop.component.base import Component
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.component.setting import Value
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.protocol import Status
-from glucoloop.faults import FAULTS, FaultPart
+from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.lab.controllers import (
     LOOPED,
     controllers_of,
@@ -50,9 +50,9 @@ from glucoloop.lab.patient_functions import (
 from glucoloop.lab.people import people_numbers
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.patients.settings import PATIENTS, PatientPart
+from glucoloop.patients.settings import PATIENTS, PatientComponent
 from glucoloop.patients.table import REPLACED
-from glucoloop.pumps import PumpPart
+from glucoloop.pumps import PumpComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS
 from glucoloop.sensors.cgm import Display, Monitor
@@ -98,7 +98,7 @@ def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
     }
 
 
-def _family(entry: type[PatientPart]) -> dict[str, Any]:
+def _family(entry: type[PatientComponent]) -> dict[str, Any]:
     """Values that all patients of a family share: ways of insulin, controllers, limits and defaults."""
     return {
         "summary": entry.summary,
@@ -108,7 +108,9 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "step_min": SAMPLE_TIME_MIN / steps_of(entry.name),
         "inside": [list(place) for place in inside(entry.name)],
         "guard_limits": _offered(GuardSettings, _SLIDERS["guard"], guard_of(entry).values()),
-        "pump_limits": _offered(PumpPart, _SLIDERS["pump"], {name: getattr(entry, name) for name in _SLIDERS["pump"]}),
+        "pump_limits": _offered(
+            PumpComponent, _SLIDERS["pump"], {name: getattr(entry, name) for name in _SLIDERS["pump"]}
+        ),
         "controllers": {name: _controller(name, entry) for name in controllers_of(entry.name)},
         "configuration": _configuration(entry),
     }
@@ -120,7 +122,7 @@ def _population(family: str) -> str:
     return people.name if people.most_people is None else f"{people.name}, draw={REPLACED}"
 
 
-def _configuration(entry: type[PatientPart]) -> dict[str, Any]:
+def _configuration(entry: type[PatientComponent]) -> dict[str, Any]:
     """Values of a run without options, with a guard: the page compares with them those of a file that it loads."""
     used = configured(Run, patient=entry.name, guard="usual").tree(whole=True)
     [controller] = used.pop("controller")
@@ -128,7 +130,7 @@ def _configuration(entry: type[PatientPart]) -> dict[str, Any]:
 
 
 def _offered(
-    part: type[Part], bounds: Mapping[str, tuple[float, float, float]], defaults: Mapping[str, Any] | None = None
+    part: type[Component], bounds: Mapping[str, tuple[float, float, float]], defaults: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Settings of a component with their bounds on the page, and their defaults."""
     result = {}
@@ -143,7 +145,7 @@ def _offered(
     return result
 
 
-def _fault(entry: type[FaultPart]) -> dict[str, Any]:
+def _fault(entry: type[FaultComponent]) -> dict[str, Any]:
     """A fault with its settings."""
     defaults = {name: setting.default.noise_free for name, setting in entry.effect_settings().items()}
     bounds = {name: _slider(entry, name) for name in defaults}
@@ -155,7 +157,7 @@ def _fault(entry: type[FaultPart]) -> dict[str, Any]:
     }
 
 
-def _slider(entry: type[FaultPart], name: str) -> tuple[float, float, float]:
+def _slider(entry: type[FaultComponent], name: str) -> tuple[float, float, float]:
     """Minimum, maximum and step of a fault's setting on the page, by default hundredths from bound to bound."""
     if name in _SLIDERS["faults"]:
         return cast(tuple[float, float, float], _SLIDERS["faults"][name])
@@ -190,7 +192,7 @@ def _monitor(name: str) -> dict[str, Any]:
     }
 
 
-def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -> dict[str, Any]:
+def _patient(entry: type[PatientComponent], point: str, patient: SemilinearPatient) -> dict[str, Any]:
     """A patient at steady state, and the models on which controllers are designed."""
     x = patient.steady_state(patient.basal_insulin_mU_min)
     return {
@@ -212,7 +214,7 @@ def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -
     }
 
 
-def _profile(entry: type[PatientPart], point: str) -> dict[str, float]:
+def _profile(entry: type[PatientComponent], point: str) -> dict[str, float]:
     """The person's carbohydrate ratio and correction factor, where the profile knows them or by its rules."""
     profile = situation(entry.name, point).profile
     return {
@@ -262,7 +264,7 @@ def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dic
     return {name: float(getattr(fitted, name)) for name in ("gain", "tau_min", "delay_min")}
 
 
-def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
+def _controller(name: str, of_patient: type[PatientComponent]) -> dict[str, Any]:
     """A controller's settings on the page, and the defaults of all of its settings."""
     entry = controller_entry(name)
     bounds = dict(_SLIDERS["controllers"][name])

@@ -25,5 +25,5 @@ from .scenario import Meal as Meal
 from .scenario import Scenario as Scenario
 from .scenario import eaten as eaten
 from .settings import MEAL_MODELS as MEAL_MODELS
-from .settings import MealModelPart as MealModelPart
-from .settings import RescuePart as RescuePart
+from .settings import MealModelComponent as MealModelComponent
+from .settings import RescueComponent as RescueComponent

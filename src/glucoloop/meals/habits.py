@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import ANNOUNCEMENTS, Need
-from glucoloop.component.part import Part
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import MEAL
@@ -29,7 +29,7 @@ Which = Annotated[
 _LONGEST_MIN: Final = 360.0
 
 
-class HabitPart(Part):
+class HabitComponent(Component):
     """Declaration of a habit."""
 
     kind: ClassVar = "habit"
@@ -48,7 +48,7 @@ class HabitPart(Part):
         """Refuse a plan in which the habit could never show."""
 
 
-class SkippedSettings(HabitPart, name="skipped"):
+class SkippedSettings(HabitComponent, name="skipped"):
     """Meals that are neither eaten nor announced."""
 
     probability: Probability = 0.1
@@ -60,7 +60,7 @@ class SkippedSettings(HabitPart, name="skipped"):
         return days.changed(carbs_g=kept * days.carbs_g, announced_g=kept * days.announced_g)
 
 
-class UnannouncedSettings(HabitPart, name="unannounced"):
+class UnannouncedSettings(HabitComponent, name="unannounced"):
     """Meals that are eaten and of which the controller is not told: a missed bolus."""
 
     of_announcements: ClassVar = True
@@ -72,7 +72,7 @@ class UnannouncedSettings(HabitPart, name="unannounced"):
         return days.changed(announced_g=(1.0 - days.happens(self.probability, self.meal)) * days.announced_g)
 
 
-class UneatenSettings(HabitPart, name="uneaten"):
+class UneatenSettings(HabitComponent, name="uneaten"):
     """Meals of which a part is left after all of it was announced."""
 
     of_announcements: ClassVar = True
@@ -86,7 +86,7 @@ class UneatenSettings(HabitPart, name="uneaten"):
         return days.changed(carbs_g=(1.0 - left) * days.carbs_g)
 
 
-class AnnouncedLateSettings(HabitPart, name="announced-late"):
+class AnnouncedLateSettings(HabitComponent, name="announced-late"):
     """Meals that are announced some time after eating begins, or before it."""
 
     of_announcements: ClassVar = True
@@ -112,7 +112,7 @@ class AnnouncedLateSettings(HabitPart, name="announced-late"):
         return days.changed(announced_min=days.announced_min + days.happens(self.probability, self.meal) * later_min)
 
 
-class SnackSettings(HabitPart, name="snack"):
+class SnackSettings(HabitComponent, name="snack"):
     """A snack beside the meals of the plan, of which the controller is usually not told."""
 
     carbs_g: Annotated[float, About("Carbohydrate of the snack.", above=0.0, at_most=1000.0, quantity=MEAL)] = 20.0
@@ -148,7 +148,7 @@ class SnackSettings(HabitPart, name="snack"):
         )
 
 
-class WeekendSettings(HabitPart, name="weekend"):
+class WeekendSettings(HabitComponent, name="weekend"):
     """Days on which meals have other sizes and come later, as on Saturday and Sunday; day 1 is a Monday."""
 
     from_day: Annotated[int, About("First of these days in the week.", at_least=1, at_most=7)] = 6
@@ -173,7 +173,7 @@ class WeekendSettings(HabitPart, name="weekend"):
 
 
 HABITS: Final = Catalogue(
-    HabitPart,
+    HabitComponent,
     (
         SkippedSettings,
         UnannouncedSettings,

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from glucoloop.arguments import checked
 from glucoloop.limits import LONGEST_RUN_MIN, MAX_DAYS
 from glucoloop.meals.days import LivedDays
-from glucoloop.meals.habits import HabitPart
+from glucoloop.meals.habits import HabitComponent
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import LARGEST_MEAL_G, Meal, check_warm_up, eaten, in_order
 from glucoloop.refusal import Refusal
@@ -45,7 +45,7 @@ class MealPlan:
     own : callable, optional
         Function of a seed and of persons ``(n,)`` that gives the day of each as `Eaten`, ``(meals, n)`` with as many
         meals as the plan, which then says what is eaten on average.
-    habits : iterable of HabitPart
+    habits : iterable of HabitComponent
         Habits that change the meals, one after the other, such as `meals.habits.SkippedSettings`.
     warm_up_min : float
         Time before the start that is simulated and not counted; where days are repeated, it has their meals too.
@@ -63,7 +63,7 @@ class MealPlan:
     time_spread_min: float
     horizon_min: float
     own: Callable[[int, npt.ArrayLike], Eaten] | None
-    habits: tuple[HabitPart, ...]
+    habits: tuple[HabitComponent, ...]
     warm_up_min: float
     repeated: bool
     """Whether the meals are those of each day, rather than those of a run."""
@@ -77,7 +77,7 @@ class MealPlan:
         time_spread_min: float = 0.0,
         horizon_min: float | None = None,
         own: Callable[[int, npt.ArrayLike], Eaten] | None = None,
-        habits: Iterable[HabitPart] = (),
+        habits: Iterable[HabitComponent] = (),
         warm_up_min: float = 0.0,
     ) -> None:
         if not 1 <= days <= MAX_DAYS:

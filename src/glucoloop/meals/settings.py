@@ -8,19 +8,19 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final, Literal
 
+from glucoloop.component.base import MadeComponent
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.part import MadePart
 from glucoloop.component.setting import About
 from glucoloop.unit_guess import GLUCOSE_BOUND, MEAL
 
 
-class MealModelPart(MadePart):
+class MealModelComponent(MadeComponent):
     """Declaration of a meal model, a `meals.MealModel`."""
 
     kind: ClassVar = "meal model"
 
 
-class LehmannDeutschSettings(MealModelPart, name="lehmann-deutsch"):
+class LehmannDeutschSettings(MealModelComponent, name="lehmann-deutsch"):
     """A stomach that empties at most at a plateau rate, and a gut, of Lehmann and Deutsch (1992)."""
 
     sources = ("lehmann1992",)
@@ -30,7 +30,7 @@ class LehmannDeutschSettings(MealModelPart, name="lehmann-deutsch"):
     gut_time_constant_min: Annotated[float, About("Time constant of the gut.", above=0.0, at_most=1440.0)] = 60.0
 
 
-class HovorkaGutSettings(MealModelPart, name="hovorka"):
+class HovorkaGutSettings(MealModelComponent, name="hovorka"):
     """Two compartments in a row with one time constant, of Hovorka et al. (2004)."""
 
     sources = ("hovorka2004",)
@@ -43,7 +43,7 @@ class HovorkaGutSettings(MealModelPart, name="hovorka"):
     ] = 0.8
 
 
-class RoyParkerSettings(MealModelPart, name="roy-parker"):
+class RoyParkerSettings(MealModelComponent, name="roy-parker"):
     """A stomach that empties for an hour whatever the meal, and a gut, of Roy and Parker (2006)."""
 
     sources = ("royparker2006",)
@@ -54,7 +54,7 @@ class RoyParkerSettings(MealModelPart, name="roy-parker"):
     absorption_per_min: Annotated[float, About("Rate constant of the gut, per minute.", above=0.0, at_most=1.0)] = 0.022
 
 
-class DallaManGutSettings(MealModelPart, name="dalla-man"):
+class DallaManGutSettings(MealModelComponent, name="dalla-man"):
     """A stomach that empties by how much of the whole meal it holds, of Dalla Man et al. (2006)."""
 
     sources = ("dallaman2006", "dallaman2007")
@@ -76,19 +76,19 @@ class DallaManGutSettings(MealModelPart, name="dalla-man"):
 
 
 MEAL_MODELS: Final = Catalogue(
-    MealModelPart,
+    MealModelComponent,
     (LehmannDeutschSettings, HovorkaGutSettings, RoyParkerSettings, DallaManGutSettings),
     example="hovorka, time_to_maximum_min=55",
 )
 
 
-class RescuePart(MadePart):
+class RescueComponent(MadeComponent):
     """Declaration of what a person eats against low glucose, a `meals.RescueCarbs`."""
 
     kind: ClassVar = "rescue"
 
 
-class RescueSettings(RescuePart, name="carbs"):
+class RescueSettings(RescueComponent, name="carbs"):
     """Fast carbohydrate at low glucose, and again while it stays low: the rule of 15."""
 
     sources = ("ada2024",)
@@ -110,4 +110,4 @@ class RescueSettings(RescuePart, name="carbs"):
     ] = "reading"
 
 
-RESCUES: Final = Catalogue(RescuePart, (RescueSettings,), example="carbs, below_mg_dl=65", unnamed=True)
+RESCUES: Final = Catalogue(RescueComponent, (RescueSettings,), example="carbs, below_mg_dl=65", unnamed=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
-from glucoloop.component.part import Part
+from glucoloop.component.base import Component
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID
@@ -119,7 +119,7 @@ class Result:
         return f"{value / self.divisor:z.{self.digits}f}" if math.isfinite(value) else NOT_AVAILABLE
 
 
-class Metric(Part):
+class Metric(Component):
     """An accumulator: its results, settings and computation. It counts at points of the grid, at samples, or at both.
 
     All methods are pure functions of JAX arrays with the shape of the people, `()` for one. The same code runs in

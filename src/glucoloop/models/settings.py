@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.grammar import NAME, GivenValue, Tree
-from glucoloop.component.part import Part
 from glucoloop.component.setting import About
 from glucoloop.unit_guess import NOISE_VARIANCE
 
@@ -30,13 +30,13 @@ LAGUERRE_FUNCTIONS: Final = About(
 )
 
 
-class ModelPart(Part):
+class ModelComponent(Component):
     """Declaration of a model on which a controller is designed."""
 
     kind: ClassVar = "model"
 
 
-class IdentifiedPart(ModelPart, name="identified"):
+class IdentifiedComponent(ModelComponent, name="identified"):
     """A model identified from the patient by the pulse experiment."""
 
     noise_variance: Annotated[
@@ -53,21 +53,23 @@ class IdentifiedPart(ModelPart, name="identified"):
     laguerre_functions: Annotated[int | None, LAGUERRE_FUNCTIONS] = None
 
 
-class FilePart(ModelPart, name="file"):
+class FileComponent(ModelComponent, name="file"):
     """A model from a file that `glucoloop identify` wrote."""
 
     path: Annotated[str, About("The file, model.json.")] = "model.json"
 
 
-class _Models(Catalogue[ModelPart]):
+class _Models(Catalogue[ModelComponent]):
     """The models; a text that names none is the path of a file."""
 
     def tree(self, text: str, where: str = "") -> Tree:
         """Tree of a model from its text, or from the path of a file."""
         path = text.strip()
         if path and "=" not in path.partition(",")[0] and path.partition(",")[0].strip() not in self:
-            return {NAME: GivenValue(FilePart.name, where), "path": GivenValue(path, where, text=False)}
+            return {NAME: GivenValue(FileComponent.name, where), "path": GivenValue(path, where, text=False)}
         return super().tree(text, where)
 
 
-MODELS: Final = _Models(ModelPart, (IdentifiedPart, FilePart), example="identified, memory=48", unnamed=True)
+MODELS: Final = _Models(
+    ModelComponent, (IdentifiedComponent, FileComponent), example="identified, memory=48", unnamed=True
+)

@@ -14,7 +14,7 @@ from .protocol import Patient as Patient
 from .protocol import SemilinearPatient as SemilinearPatient
 from .settings import PATIENTS as PATIENTS
 from .settings import OperatingPoint as OperatingPoint
-from .settings import PatientPart as PatientPart
+from .settings import PatientComponent as PatientComponent
 from .sorensen.patient import OPERATING_POINTS as OPERATING_POINTS
 from .sorensen.patient import SorensenPatient as SorensenPatient
 from .sorensen.patient import at_basal as at_basal

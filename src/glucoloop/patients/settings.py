@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import TIME_OF_DAY, Need
-from glucoloop.component.part import Part
 from glucoloop.component.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.component.setting import About, Default, Tunings, known_names
 from glucoloop.refusal import Refusal
@@ -51,7 +51,7 @@ def _person(given: object) -> str | None:
     raise Refusal("give a name or a number, like person=3 or person=people.csv:anna")
 
 
-class PatientPart(Part):
+class PatientComponent(Component):
     """Declaration of a patient.
 
     What a class does not declare is usual for its route of insulin: pump, identification, tunings and the limits of a
@@ -196,7 +196,7 @@ _AT_FASTING_81: Final = {
 }
 
 
-class Parker1999Part(PatientPart, name="parker-1999"):
+class Parker1999Part(PatientComponent, name="parker-1999"):
     """Sorensen's 19 states as Parker, Doyle and Peppas (1999) use them; intravenous insulin, 70 kg."""
 
     timeless: ClassVar = True
@@ -220,7 +220,7 @@ class Parker1999Part(PatientPart, name="parker-1999"):
     pulse_mU_min = 22.33
 
 
-class _HovorkaPart(PatientPart):
+class _HovorkaPart(PatientComponent):
     """A patient of Hovorka's family, with the pump and the horizons with which the numbers of the guide were made."""
 
     timeless: ClassVar = True
@@ -261,7 +261,7 @@ class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
     pulse_mU_min = 14.5
 
 
-class Kanderian2009Part(PatientPart, name="kanderian-2009"):
+class Kanderian2009Part(PatientComponent, name="kanderian-2009"):
     """The ten people of Kanderian et al. (2009), the Medtronic virtual patient; subcutaneous insulin."""
 
     timeless: ClassVar = True
@@ -273,7 +273,7 @@ class Kanderian2009Part(PatientPart, name="kanderian-2009"):
     pulse_mU_min = 20.0
 
 
-class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
+class RoyParker2007Part(PatientComponent, name="roy-parker-2007"):
     """The minimal model with exercise of Roy and Parker (2007); intravenous insulin, 70 kg."""
 
     timeless: ClassVar = True
@@ -283,7 +283,7 @@ class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
     pulse_mU_min = 16.0
 
 
-class McGill2020Part(PatientPart, name="mcgill-2020"):
+class McGill2020Part(PatientComponent, name="mcgill-2020"):
     """Bergman's minimal model with exercise and subcutaneous insulin, of the McGill Diabetes Lab (2020); 70 kg."""
 
     timeless: ClassVar = True
@@ -294,7 +294,7 @@ class McGill2020Part(PatientPart, name="mcgill-2020"):
     pulse_mU_min = 12.0
 
 
-class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
+class UvaPadova2008Part(PatientComponent, name="uva-padova-2008"):
     """The model of the UVA/Padova simulator of 2008, of Dalla Man et al. (2007); subcutaneous insulin, 78 kg."""
 
     timeless: ClassVar = True
@@ -312,10 +312,10 @@ class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
     laguerre_functions = 5
 
 
-class _Patients(Catalogue[PatientPart]):
+class _Patients(Catalogue[PatientComponent]):
     """The patients; one that is named by its operating point is refused with the mend."""
 
-    def find(self, name: str) -> type[PatientPart]:
+    def find(self, name: str) -> type[PatientComponent]:
         for part in self.values():
             if name in [point.name for point in part.operating_points] and name not in self.names():
                 raise Refusal(
@@ -326,7 +326,7 @@ class _Patients(Catalogue[PatientPart]):
 
 
 PATIENTS: Final = _Patients(
-    PatientPart,
+    PatientComponent,
     (
         *(Parker1999Part, Hovorka2004Part, Wilinska2010Part, UvaPadova2008Part, Kanderian2009Part),
         *(RoyParker2007Part, McGill2020Part),

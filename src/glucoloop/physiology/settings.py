@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
+from glucoloop.component.base import MadeComponent
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.part import MadePart
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from glucoloop.physiology.protocol import Rhythm
 
 
-class RhythmPart(MadePart):
+class RhythmComponent(MadeComponent):
     """Declaration of a rhythm, a `physiology.protocol.Rhythm`."""
 
     kind: ClassVar = "rhythm"
 
 
-class Visentin2015Settings(RhythmPart, name="visentin-2015"):
+class Visentin2015Settings(RhythmComponent, name="visentin-2015"):
     """Sensitivity to insulin in one of seven patterns over the day, of Visentin et al. (2015), and daily noise."""
 
     sources = ("visentin2015",)
@@ -42,7 +42,7 @@ class Visentin2015Settings(RhythmPart, name="visentin-2015"):
     ] = 20.0
 
 
-class DawnSettings(RhythmPart, name="dawn"):
+class DawnSettings(RhythmComponent, name="dawn"):
     """Production of glucose by the liver that rises before dawn, of Mallad et al. (2015)."""
 
     sources = ("mallad2015", "visentin2018")
@@ -64,7 +64,7 @@ class DawnSettings(RhythmPart, name="dawn"):
             )
 
 
-RHYTHMS: Final = Catalogue(RhythmPart, (Visentin2015Settings, DawnSettings), example="visentin-2015, pattern=hhl")
+RHYTHMS: Final = Catalogue(RhythmComponent, (Visentin2015Settings, DawnSettings), example="visentin-2015, pattern=hhl")
 
 
 def rhythm(text: str) -> Rhythm:

@@ -16,7 +16,7 @@ from glucoloop.pumps.limits import (
     DoseLimits,
     LimitedPump,
     PumpAround,
-    PumpPart,
+    PumpComponent,
     bolus_limits,
     dose_limits,
 )
@@ -25,7 +25,7 @@ from glucoloop.pumps.protocol import Delivery, Pump, deliver
 from glucoloop.pumps.resolution import Resolution, with_resolution
 
 PUMPS: Final = Catalogue(
-    PumpPart,
+    PumpComponent,
     (LimitedPump, Resolution, Expiring, InfusionSet, Pen),
     example="expiring, samples=3",
     unnamed=True,
@@ -44,7 +44,7 @@ __all__ = [
     "Pen",
     "Pump",
     "PumpAround",
-    "PumpPart",
+    "PumpComponent",
     "Resolution",
     "bolus_limits",
     "deliver",

@@ -147,7 +147,7 @@ _limit: Final = functools.partial(About, at_most=10_000.0)
 _bolus: Final = functools.partial(About, at_most=1000.0, needs=(BOLUSES,))
 
 
-class PumpPart(PytreeComponent):
+class PumpComponent(PytreeComponent):
     """A pump with its limits, `init` and `deliver`; one around another extends `PumpAround`."""
 
     kind: ClassVar = "pump"
@@ -192,8 +192,10 @@ class PumpPart(PytreeComponent):
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
         for key in cls.own_limits:
-            if key not in PumpPart.settings():
-                raise TypeError(f"the pump {cls.name} has a limit {key!r}; {known_names(key, PumpPart.settings())}")
+            if key not in PumpComponent.settings():
+                raise TypeError(
+                    f"the pump {cls.name} has a limit {key!r}; {known_names(key, PumpComponent.settings())}"
+                )
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time_min < math.inf:
@@ -203,7 +205,7 @@ class PumpPart(PytreeComponent):
 
     def _limits(self) -> tuple[DoseLimits, BolusLimits]:
         """Limits of the settings, of the class, and of the paper."""
-        defaults = {name: setting.default.noise_free for name, setting in PumpPart.settings().items()}
+        defaults = {name: setting.default.noise_free for name, setting in PumpComponent.settings().items()}
         values = {name: value for name, value in self.values().items() if value != defaults.get(name)}
         settings = {**defaults, **self.own_limits, **values}
 
@@ -222,7 +224,7 @@ class PumpPart(PytreeComponent):
         )
 
 
-class LimitedPump(PumpPart, name="limited"):
+class LimitedPump(PumpComponent, name="limited"):
     """Keeps its limits.
 
     It clips rate of change and magnitude of the basal rate, and keeps the limits of a bolus. A commanded rate that is
@@ -256,7 +258,7 @@ class LimitedPump(PumpPart, name="limited"):
         )
 
 
-class PumpAround(PumpPart):
+class PumpAround(PumpComponent):
     """A pump around another one, its ``inner``, by default one that keeps the limits."""
 
     _: KW_ONLY

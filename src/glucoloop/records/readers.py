@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.code import loaded
-from glucoloop.component.part import Part
 
 if TYPE_CHECKING:
     from glucoloop.records.answers import Answers
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from glucoloop.records.file_text import FileText
 
 
-class ReaderPart(Part):
+class ReaderComponent(Component):
     """Declaration of a reader of files of one kind."""
 
     kind: ClassVar = "reader"
@@ -39,25 +39,25 @@ class ReaderPart(Part):
         return result
 
 
-class DexcomClarity(ReaderPart, name="dexcom-clarity"):
+class DexcomClarity(ReaderComponent, name="dexcom-clarity"):
     """CSV that Dexcom Clarity exports."""
 
     home: ClassVar = "glucoloop.records.dexcom_clarity"
 
 
-class LibreView(ReaderPart, name="libreview"):
+class LibreView(ReaderComponent, name="libreview"):
     """CSV that LibreView exports of a FreeStyle Libre."""
 
     home: ClassVar = "glucoloop.records.libreview"
 
 
-class CareLink(ReaderPart, name="carelink"):
+class CareLink(ReaderComponent, name="carelink"):
     """CSV that CareLink exports of pumps and sensors of Medtronic."""
 
     home: ClassVar = "glucoloop.records.carelink"
 
 
-class Nightscout(ReaderPart, name="nightscout"):
+class Nightscout(ReaderComponent, name="nightscout"):
     """JSON of entries or treatments of Nightscout, and of its profiles beside them."""
 
     home: ClassVar = "glucoloop.records.nightscout"
@@ -68,38 +68,38 @@ class Nightscout(ReaderPart, name="nightscout"):
         return result
 
 
-class Tidepool(ReaderPart, name="tidepool"):
+class Tidepool(ReaderComponent, name="tidepool"):
     """JSON that Tidepool exports."""
 
     home: ClassVar = "glucoloop.records.tidepool"
 
 
-class OhioT1DM(ReaderPart, name="ohio-t1dm"):
+class OhioT1DM(ReaderComponent, name="ohio-t1dm"):
     """XML of the data set OhioT1DM."""
 
     home: ClassVar = "glucoloop.records.ohio_t1dm"
 
 
-class Simglucose(ReaderPart, name="simglucose"):
+class Simglucose(ReaderComponent, name="simglucose"):
     """CSV of results of the simulator simglucose."""
 
     home: ClassVar = "glucoloop.records.simglucose"
 
 
-class ReplayBG(ReaderPart, name="replaybg"):
+class ReplayBG(ReaderComponent, name="replaybg"):
     """CSV of data of ReplayBG."""
 
     home: ClassVar = "glucoloop.records.replaybg"
 
 
-class AnyTable(ReaderPart, name="table"):
+class AnyTable(ReaderComponent, name="table"):
     """Any table whose columns are named, or have the names of a record."""
 
     home: ClassVar = "glucoloop.records.any_table"
 
 
 READERS: Final = Catalogue(
-    ReaderPart,
+    ReaderComponent,
     (DexcomClarity, LibreView, CareLink, Nightscout, Tidepool, OhioT1DM, Simglucose, ReplayBG, AnyTable),
     example="dexcom-clarity",
 )

@@ -11,7 +11,7 @@ import polars as pl
 from glucoloop.component.setting import choices_text
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, content_of, read_bytes
-from glucoloop.records.readers import READERS, ReaderPart
+from glucoloop.records.readers import READERS, ReaderComponent
 from glucoloop.records.record import PARQUET, DeviceRecord, FileRefusal, record_from_parquet
 from glucoloop.records.tidy import Account, record_of, settled
 from glucoloop.refusal import Refusal
@@ -21,7 +21,7 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
     """Record of a person from all files; FileRefusal where there is none."""
     chosen = None if reader is None else READERS.choose(reader)
     account, frames = Account(), list[pl.DataFrame]()
-    result: list[tuple[int, Path, FileText, ReaderPart]] = []
+    result: list[tuple[int, Path, FileText, ReaderComponent]] = []
     for number, path in enumerate(paths, 1):
         with _refusing(path):
             data = read_bytes(path)
@@ -70,7 +70,7 @@ def reader_that_knows(path: Path) -> str | None:
         return None
 
 
-def _reader_of(content: FileText, answers: Answers) -> ReaderPart:
+def _reader_of(content: FileText, answers: Answers) -> ReaderComponent:
     """Reader that takes a file; Refusal if there is none, or more than one."""
     if answers.columns:
         return READERS.choose("table")

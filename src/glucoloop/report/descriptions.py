@@ -8,12 +8,12 @@ from typing import Any, Final
 import jax
 
 from glucoloop.component.setting import Value, value_text
-from glucoloop.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultPart
+from glucoloop.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultComponent
 from glucoloop.meals import Meal
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.settings import patient_entry
-from glucoloop.pumps import PUMPS, PumpPart
+from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.report.periods import moment_text
 from glucoloop.sensors import DeadTime, IdealSensor, WhiteNoise
 from glucoloop.simulation.user_objects import goes_fast
@@ -114,7 +114,7 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
     noise = f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
     per_hour = f" ({u_h_from_mu_min(least):.3g} to {u_h_from_mu_min(most):.3g} U/h)"
     beside_limits = [
-        f"{name}={value_text(value)}" for name, value in pump.values().items() if name not in PumpPart.settings()
+        f"{name}={value_text(value)}" for name, value in pump.values().items() if name not in PumpComponent.settings()
     ]
     sensor_parts = [
         *(part.text for part in situation.sensor if not isinstance(part, usual)),
@@ -201,7 +201,7 @@ def engine_notes(engines: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------------- faults
 
 
-def fault_in_words(fault: FaultPart) -> str:
+def fault_in_words(fault: FaultComponent) -> str:
     """A fault with its settings and times."""
     return ", ".join(filter(None, (fault.name, settings_in_words(fault), when_in_words(fault))))
 
@@ -218,7 +218,7 @@ def short_names(faults: Sequence[str]) -> dict[str, str]:
     return {fault: fault if taken.count(name) > 1 else name for fault, name in names.items()}
 
 
-def _short_name(fault: FaultPart, among: Iterable[FaultPart]) -> str:
+def _short_name(fault: FaultComponent, among: Iterable[FaultComponent]) -> str:
     kind = [other for other in among if other.name == fault.name]
 
     def differ(keys: Iterable[str]) -> int:
@@ -246,12 +246,12 @@ def _setting_in_words(key: str, value: Value) -> str:
     return " ".join(filter(None, (name, number, "a day" if key == PER_DAY else unit)))
 
 
-def settings_in_words(fault: FaultPart) -> str:
+def settings_in_words(fault: FaultComponent) -> str:
     """Settings of a fault apart from its times; empty if it has none."""
     return _settings({key: value for key, value in fault.values().items() if key not in TIMING})
 
 
-def when_in_words(fault: FaultPart) -> str:
+def when_in_words(fault: FaultComponent) -> str:
     """Times of a fault, in a phrase."""
     times = {key: f"{float(value):g}" for key, value in fault.values().items() if key in TIMING}
     if not fault.timed:
@@ -269,7 +269,7 @@ def when_in_words(fault: FaultPart) -> str:
     return f"{begins}, for {times[DURATION]} min" if DURATION in times else f"{begins} to the end"
 
 
-def _window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
+def _window_of(fault: FaultComponent, end_min: float) -> tuple[float, float] | None:
     """Time within which a fault is present, by its settings; None if it comes at random at any time."""
     times = fault.values()
     if not fault.timed or PER_DAY in times:
@@ -280,7 +280,7 @@ def _window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
     return (start, stop) if start < end_min else None
 
 
-def windows(faults: Iterable[FaultPart], end_min: float) -> Iterator[tuple[FaultPart, tuple[float, float]]]:
+def windows(faults: Iterable[FaultComponent], end_min: float) -> Iterator[tuple[FaultComponent, tuple[float, float]]]:
     """Faults that have a time before the end, with these times."""
     for fault in faults:
         window = _window_of(fault, end_min)

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.display_units import other_number
-from glucoloop.faults import FAULTS, FaultPart
+from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
@@ -199,13 +199,13 @@ def _bolus_panel(runs: Sequence[PlottedRun]) -> Panel:
     return panel
 
 
-def mark_faults(panels: Sequence[Panel], faults: Iterable[FaultPart], end_min: float) -> None:
+def mark_faults(panels: Sequence[Panel], faults: Iterable[FaultComponent], end_min: float) -> None:
     """Shade the times of faults below the curves: those of the sensor in the first panel, of the pump in the second."""
     for fault, window in windows(faults, end_min):
         panels[0 if fault.part == "sensor" else 1].spans.append(window)
 
 
-def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], end_min: float) -> Iterator[dict[str, Any]]:
+def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultComponent], end_min: float) -> Iterator[dict[str, Any]]:
     """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
     for fault, window in windows(faults, end_min):
         yield {"name": f"Fault: {fault_in_words(fault)}", "rows": [{"periods": [window], "colour": 1}]}
@@ -224,7 +224,7 @@ def _boluses_text(boluses: Sequence[tuple[float, float]], end_min: float, start_
     return "; ".join(f"{size:.4g} U at {moment_text(t_min, end_min, start_min)}" for t_min, size in boluses)
 
 
-def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], start_min: float) -> Iterator[str]:
+def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultComponent], start_min: float) -> Iterator[str]:
     """Meals, faults, boluses, high and low glucose and what the guard did, in words."""
     end_min = float(runs[0].t_min[-1])
     meals = (f"{carbs:.4g} g at {moment_text(t, end_min, start_min)}" for t, carbs in runs[0].meals)

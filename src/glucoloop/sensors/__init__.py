@@ -11,10 +11,10 @@ from glucoloop.sensors import cgm
 from glucoloop.sensors.delay import DeadTime, Lag, dead_time
 from glucoloop.sensors.erring import Erring, erring
 from glucoloop.sensors.noise import CorrelatedNoise, WhiteNoise, white_noise
-from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor, SensorAround, SensorPart, whole_samples
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor, SensorAround, SensorComponent, whole_samples
 
 SENSORS: Final = Catalogue(
-    SensorPart,
+    SensorComponent,
     (
         IdealSensor,
         WhiteNoise,
@@ -41,7 +41,7 @@ __all__ = [
     "Reading",
     "Sensor",
     "SensorAround",
-    "SensorPart",
+    "SensorComponent",
     "WhiteNoise",
     "cgm",
     "dead_time",

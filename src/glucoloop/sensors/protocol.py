@@ -61,7 +61,7 @@ def whole_samples(minutes: float, sample_time_min: float, what: str) -> int:
     return samples
 
 
-class SensorPart(PytreeComponent):
+class SensorComponent(PytreeComponent):
     """A sensor, with `init` and `read`; one around another extends `SensorAround`.
 
     One that can be at different sites of the patient has a field ``site``, as `IdealSensor` has.
@@ -79,7 +79,7 @@ class SensorPart(PytreeComponent):
         """A sensor has an effect where something uses its readings."""
         return (READINGS,)
 
-    def recorded(self) -> SensorPart | None:
+    def recorded(self) -> SensorComponent | None:
         """Sensor of a record from which a model is identified, by default this one; None where it is left out.
 
         Such a record has its own white noise, and no delay of the kind that is known to a controller.
@@ -87,7 +87,7 @@ class SensorPart(PytreeComponent):
         return self
 
 
-class IdealSensor(SensorPart, name="ideal"):
+class IdealSensor(SensorComponent, name="ideal"):
     """Readings without error or delay; the innermost of a chain, which says where glucose is read."""
 
     site: Annotated[
@@ -107,7 +107,7 @@ class IdealSensor(SensorPart, name="ideal"):
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))
 
 
-class SensorAround(SensorPart):
+class SensorAround(SensorComponent):
     """A sensor around another one, its ``inner``, by default an ideal one."""
 
     _: KW_ONLY

@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Self
 
+from glucoloop.component.base import Component, read
 from glucoloop.component.effects import DEAD_TIME, Need
 from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, part_text, place
-from glucoloop.component.part import Part, read
 from glucoloop.component.setting import About, Value
 from glucoloop.control.catalogue import CONTROLLERS, DEFAULT_CONTROLLER
 from glucoloop.control.guard_settings import GuardSettings, guard_of
-from glucoloop.control.part import ControllerPart
-from glucoloop.faults import FaultPart
-from glucoloop.models.settings import IdentifiedPart, ModelPart
+from glucoloop.control.part import ControllerComponent
+from glucoloop.faults import FaultComponent
+from glucoloop.models.settings import IdentifiedComponent, ModelComponent
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN, Situation
 from glucoloop.text import is_printable
 from glucoloop.unit_guess import SAMPLE_TIME
 
 
-class Case(Part):
+class Case(Component):
     """A controller with its guard and its model.
 
     In text and in files it is the controller, whose settings these stand among: ``mpc, move_weight=1, label=careful``.
@@ -34,7 +34,7 @@ class Case(Part):
     kind: ClassVar = "case"
     may_have: ClassVar = ("label",)
 
-    controller: Annotated[ControllerPart, About("The controller.")] = CONTROLLERS[DEFAULT_CONTROLLER].partial({})
+    controller: Annotated[ControllerComponent, About("The controller.")] = CONTROLLERS[DEFAULT_CONTROLLER].partial({})
     label: Annotated[str, About("Name of the case; by default the controller and what was given of it.")] = ""
     known_dead_time: Annotated[
         bool,
@@ -44,7 +44,7 @@ class Case(Part):
         ),
     ] = False
     guard: Annotated[GuardSettings | None, About("Its guard; by default that of the run, if it has one.")] = None
-    model: Annotated[ModelPart | None, About("Its model; by default that of the run.")] = None
+    model: Annotated[ModelComponent | None, About("Its model; by default that of the run.")] = None
     every_min: Annotated[
         float | None,
         About(
@@ -55,7 +55,9 @@ class Case(Part):
             quantity=SAMPLE_TIME,
         ),
     ] = None
-    faults: Annotated[tuple[FaultPart, ...], About("Faults of this case only, around those of the situation.")] = ()
+    faults: Annotated[
+        tuple[FaultComponent, ...], About("Faults of this case only, around those of the situation.")
+    ] = ()
 
     def __post_init__(self) -> None:
         if not self.label.strip():
@@ -64,7 +66,7 @@ class Case(Part):
             raise Refusal(f"the label {self.label!r} cannot be printed in a line; leave out its control characters")
 
     def completed_in(
-        self, situation: Situation, guard: GuardSettings | None = None, model: ModelPart | None = None
+        self, situation: Situation, guard: GuardSettings | None = None, model: ModelComponent | None = None
     ) -> Self:
         """The case with everything that is usual in a situation, and a guard and a model if it has none of its own."""
         patient, controller = situation.patient, self.controller
@@ -75,9 +77,9 @@ class Case(Part):
             samples_of_pace(self.every_min, situation.sample_time_min)
         guard = self.guard if "guard" in self.given else guard
         model = self.model if self.model is not None else model
-        if isinstance(model, IdentifiedPart) or (model is None and controller.uses_model):
+        if isinstance(model, IdentifiedComponent) or (model is None and controller.uses_model):
             usual = patient.identification(pace_min)
-            identified = IdentifiedPart.partial({}) if model is None else model
+            identified = IdentifiedComponent.partial({}) if model is None else model
             model = identified.completed({"noise_variance": situation.noise_variance, **usual})
             model = model if controller.uses_model else None
         elif model is not None:
@@ -109,9 +111,9 @@ class Case(Part):
         return self.controller.values()
 
     @property
-    def identified(self) -> IdentifiedPart:
+    def identified(self) -> IdentifiedComponent:
         """Settings of the identification of its model."""
-        return self.model if isinstance(self.model, IdentifiedPart) else IdentifiedPart()
+        return self.model if isinstance(self.model, IdentifiedComponent) else IdentifiedComponent()
 
 
 _BESIDE: Final = {

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
+from glucoloop.component.base import Component, read
 from glucoloop.component.grammar import plain
-from glucoloop.component.part import Part, read
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=Component)
 
 
 def read_root(root: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = False) -> P:

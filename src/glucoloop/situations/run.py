@@ -10,12 +10,12 @@ from glucoloop.component.effects import CHANCE, EXERCISE, MEALS, READINGS, Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.setting import Default
 from glucoloop.control.guard_settings import GuardSettings
-from glucoloop.models.settings import ModelPart
+from glucoloop.models.settings import ModelComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
-from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioPart
+from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioComponent
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
 from glucoloop.unit_guess import GLUCOSE
 from glucoloop.units import MIN_PER_DAY
@@ -65,7 +65,7 @@ class ControlledSituation(Situation):
         ),
     ] = None
     model: Annotated[
-        ModelPart | None,
+        ModelComponent | None,
         _controller(
             "Model of the controllers: 'memory=48, noise_variance=0', or a file of `glucoloop identify`.",
             default="identified from the patient",
@@ -136,7 +136,7 @@ class FedSituation(DaySettings, ControlledSituation):
     kind: ClassVar = "situation"
 
     scenario: Annotated[
-        ScenarioPart | None,
+        ScenarioComponent | None,
         _meals(
             "Meals, habits, announcement and length together, like unkind-day, week or 'week, days=14', see glucoloop "
             "list; or a file like days.toml. What is given beside it counts.",

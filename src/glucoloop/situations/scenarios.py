@@ -11,12 +11,12 @@ import functools
 from pathlib import Path
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import EXERCISE, MEALS
 from glucoloop.component.grammar import NAME, GivenValue, Tree, given
-from glucoloop.component.part import Part
 from glucoloop.limits import LONGEST_RUN_MIN, MAX_DAYS
-from glucoloop.meals.habits import HABITS, HabitPart
+from glucoloop.meals.habits import HABITS, HabitComponent
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.situations.situation import AnnounceBefore, AnnounceMeals, CarbBias, CarbError, StartTime, WarmUp
 from glucoloop.situations.toml import read_file
@@ -28,7 +28,7 @@ DEFAULT_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
 _meals = functools.partial(Option, panel=PATIENT_PANEL)
 
 
-class DaySettings(Part):
+class DaySettings(Component):
     """Meals, habits and exercise of the days, and their length: what a scenario and a situation both have."""
 
     days: Annotated[
@@ -62,7 +62,7 @@ class DaySettings(Part):
         ),
     ] = 0.0
     habits: Annotated[
-        tuple[HabitPart, ...],
+        tuple[HabitComponent, ...],
         _meals(
             "Habit of the person, like 'unannounced, probability=0.2' or 'snack, time=21h', see glucoloop list; repeat "
             "it, each changes what the earlier ones leave.",
@@ -101,7 +101,7 @@ class DaySettings(Part):
     ] = 0.0
 
 
-class ScenarioPart(DaySettings):
+class ScenarioComponent(DaySettings):
     """Declaration of a scenario: the defaults of its settings."""
 
     kind: ClassVar = "scenario"
@@ -114,24 +114,24 @@ class ScenarioPart(DaySettings):
     warm_up_min: WarmUp = 0.0
 
 
-class PlainDay(ScenarioPart, name="plain-day"):
+class PlainDay(ScenarioComponent, name="plain-day"):
     """A day with three meals that are announced and counted exactly."""
 
     announce_meals: bool = True
 
 
-class UnkindDay(ScenarioPart, name="unkind-day"):
+class UnkindDay(ScenarioComponent, name="unkind-day"):
     """A day with a snack in the afternoon that nobody announced, and a large late dinner that is announced late."""
 
     meals: tuple[str, ...] = ("45g@7h", "70g@12h", "110g@21h")
     announce_meals: bool = True
-    habits: tuple[HabitPart, ...] = (
+    habits: tuple[HabitComponent, ...] = (
         HABITS.choose("snack, carbs_g=30, time=15.5h, probability=1"),
         HABITS.choose("announced-late, minutes=20, meal=3"),
     )
 
 
-class Week(ScenarioPart, name="week"):
+class Week(ScenarioComponent, name="week"):
     """A week as people live it: meals that vary and are counted with errors, snacks, missed boluses, and a weekend."""
 
     days: int | None = 7
@@ -139,7 +139,7 @@ class Week(ScenarioPart, name="week"):
     carb_error_pct: float = 20.0
     meal_size_spread_pct: float = 25.0
     meal_time_spread_min: float = 30.0
-    habits: tuple[HabitPart, ...] = (
+    habits: tuple[HabitComponent, ...] = (
         HABITS.choose("weekend"),
         HABITS.choose("snack, probability=0.4, size_spread_pct=50, time_spread_min=60"),
         HABITS.choose("announced-late, minutes=5, spread_min=15"),
@@ -154,11 +154,11 @@ class Year(Week, name="year"):
     days: int | None = 364
 
 
-class CustomScenario(ScenarioPart, name="custom"):
+class CustomScenario(ScenarioComponent, name="custom"):
     """A scenario of your own, from a file."""
 
 
-class _Scenarios(Catalogue[ScenarioPart]):
+class _Scenarios(Catalogue[ScenarioComponent]):
     """The scenarios; a text that ends in ``.toml`` is the path of a file."""
 
     def tree(self, text: str, where: str = "") -> Tree:
@@ -169,4 +169,6 @@ class _Scenarios(Catalogue[ScenarioPart]):
         return {NAME: GivenValue(CustomScenario.name, where), **keys}
 
 
-SCENARIOS: Final = _Scenarios(ScenarioPart, (PlainDay, UnkindDay, Week, Year, CustomScenario), example="week, days=14")
+SCENARIOS: Final = _Scenarios(
+    ScenarioComponent, (PlainDay, UnkindDay, Week, Year, CustomScenario), example="week, days=14"
+)

@@ -2,7 +2,7 @@
 
 It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it.
 Where it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the
-patient; what was given stays apart, see `component.part.Part`.
+patient; what was given stays apart, see `component.base.Component`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
+from glucoloop.component.base import Component
 from glucoloop.component.effects import (
     AHEAD,
     ANNOUNCEMENTS,
@@ -25,17 +26,16 @@ from glucoloop.component.effects import (
 )
 from glucoloop.component.grammar import given as given_values
 from glucoloop.component.number_text import parse_time_of_day
-from glucoloop.component.part import Part
-from glucoloop.faults import START, FaultPart
+from glucoloop.faults import START, FaultComponent
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
-from glucoloop.meals.settings import MealModelPart, RescuePart
+from glucoloop.meals.settings import MealModelComponent, RescueComponent
 from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Metric
-from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientPart
-from glucoloop.physiology.settings import RhythmPart
-from glucoloop.pumps import PUMPS, PumpPart
+from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientComponent
+from glucoloop.physiology.settings import RhythmComponent
+from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import DeadTime, IdealSensor, SensorPart, WhiteNoise, whole_samples
+from glucoloop.sensors import DeadTime, IdealSensor, SensorComponent, WhiteNoise, whole_samples
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.request import read_root
 from glucoloop.unit_guess import (
@@ -116,7 +116,7 @@ WarmUp = Annotated[
 ]
 
 
-class Situation(Part):
+class Situation(Component):
     """Everything about a loop but its meals and its controllers.
 
     Parameters are parts, see `glucoloop list`, and numbers; what is not given is usual for the patient.
@@ -130,7 +130,7 @@ class Situation(Part):
     kind: ClassVar = "situation"
 
     patient: Annotated[
-        PatientPart,
+        PatientComponent,
         _patient("Patient; pump, model and tuning are by default those usual for it.", default=DEFAULT_PATIENT.name),
     ] = DEFAULT_PATIENT.partial({})
     setpoint_mg_dl: Annotated[
@@ -149,7 +149,7 @@ class Situation(Part):
         ),
     ] = "table"
     meal_model: Annotated[
-        MealModelPart | None,
+        MealModelComponent | None,
         _patient(
             "Digestion of the patient: lehmann-deutsch or hovorka; the controller's does not change.",
             default="the patient's own",
@@ -160,7 +160,7 @@ class Situation(Part):
     announce_meals: AnnounceMeals = False
     announce_before_min: AnnounceBefore = 0.0
     rescue: Annotated[
-        RescuePart | None,
+        RescueComponent | None,
         _patient(
             "Fast carbohydrate that the person eats when glucose is low, like 'below_mg_dl=65, carbs_g=20'.",
             alone="carbs",
@@ -171,7 +171,7 @@ class Situation(Part):
     carb_bias_pct: CarbBias = 0.0
     start: StartTime = None
     rhythm: Annotated[
-        tuple[RhythmPart, ...],
+        tuple[RhythmComponent, ...],
         _patient(
             "What follows the clock in the patient, like 'visentin-2015, pattern=hhl' or dawn; repeat it for more. The "
             "patient rests, and controllers are designed, as without it.",
@@ -179,21 +179,21 @@ class Situation(Part):
         ),
     ] = ()
     sensor: Annotated[
-        tuple[SensorPart, ...],
+        tuple[SensorComponent, ...],
         _sensor(
             "Sensor, like dexcom-g6 or 'lag, lag_min=8', see glucoloop list; repeat it, from the innermost outwards.",
             default="ideal",
         ),
     ] = ()
     pump: Annotated[
-        PumpPart,
+        PumpComponent,
         _sensor(
             "Pump: limited, resolution or expiring, with its limits; by default those usual for the patient.",
             default=PUMPS.usual,
         ),
     ] = PUMPS[PUMPS.usual].partial({})
     faults: Annotated[
-        tuple[FaultPart, ...],
+        tuple[FaultComponent, ...],
         _sensor(
             "Fault of sensor or pump, like 'missing, start_min=120'; repeat it, each around the earlier ones.",
             flag="--fault",
@@ -377,7 +377,7 @@ class Situation(Part):
         """Site of the sensor; None for that at which glucose is controlled."""
         return next((part.site for part in self.sensor if isinstance(part, IdealSensor)), None)
 
-    def record_sensor(self, noise_variance: float) -> tuple[SensorPart, ...]:
+    def record_sensor(self, noise_variance: float) -> tuple[SensorComponent, ...]:
         """Sensor of a record from which a model is identified, with other white noise."""
         inner = [part for part in (part.recorded() for part in self.sensor) if part is not None]
         noise = WhiteNoise(variance=noise_variance, bound_mg_dl=self.noise_bound_mg_dl)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from glucoloop.component.base import Component
 from glucoloop.component.effects import BOLUSES, OF_CONTROLLERS, Need
-from glucoloop.component.part import Part
 from glucoloop.component.setting import Setting
 from glucoloop.control.catalogue import CONTROLLERS
 
@@ -15,7 +15,9 @@ _MAX_NAMED = 8
 
 
 def without_effect(
-    request: Part, named: Callable[[Setting], str] = lambda setting: setting.name, uses: frozenset[Need] | None = None
+    request: Component,
+    named: Callable[[Setting], str] = lambda setting: setting.name,
+    uses: frozenset[Need] | None = None,
 ) -> tuple[str, ...]:
     """Notes on the settings of a complete request that were given, are not as by default, and have no effect.
 
@@ -32,7 +34,7 @@ def without_effect(
 
 
 def _unused(
-    part: Part, uses: frozenset[Need], named: Callable[[Setting], str] | None = None
+    part: Component, uses: frozenset[Need], named: Callable[[Setting], str] | None = None
 ) -> Iterator[tuple[str, Need]]:
     """Names of settings that were given of a part without effect, or of parts among them, with what each lacks."""
     for name, value in part.given.items():
@@ -42,7 +44,7 @@ def _unused(
         if lacking is not None and value != setting.default.noise_free:
             yield named(setting) if named is not None else f"{name} of the {_called(part)}", lacking
             continue
-        for inner in (item for item in items if isinstance(item, Part)):
+        for inner in (item for item in items if isinstance(item, Component)):
             lacking = _first_lacking(inner.needs(), uses)
             if lacking is not None:
                 yield f"The {_called(inner)}", lacking
@@ -54,7 +56,7 @@ def _first_lacking(needs: tuple[Need, ...], uses: frozenset[Need]) -> Need | Non
     return next((need for need in needs if need not in uses), None)
 
 
-def _called(part: Part) -> str:
+def _called(part: Component) -> str:
     return f"{part.kind} {part.called or part.name}".rstrip()
 
 

@@ -14,7 +14,7 @@ from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings, gives_boluses
 from glucoloop.identification import Identification
 from glucoloop.metrics import Metrics, clinical_summary, summarise
-from glucoloop.models.settings import FilePart
+from glucoloop.models.settings import FileComponent
 from glucoloop.refusal import Refusal
 from glucoloop.report.periods import validity, validity_note
 from glucoloop.simulation import Adaptive, Trace
@@ -90,7 +90,7 @@ def model_for(situation: Situation, case: Case) -> ModelFile | None:
     if not case.controller.uses_model:
         return None
     situation = paced_situation(situation, case)
-    if isinstance(case.model, FilePart):
+    if isinstance(case.model, FileComponent):
         return _model_of_file(Path(case.model.path), situation, case)
     identification = nominal_model(situation, case)
     settings = case.identified.values()
@@ -169,7 +169,7 @@ def integrator_of(run: Run) -> SteppingIntegrator:
 
 def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Iterator[str]:
     """Notes on the model and the run, one sentence each."""
-    path = case.model.path if isinstance(case.model, FilePart) else None
+    path = case.model.path if isinstance(case.model, FileComponent) else None
     if model is not None:
         gain = f"gain {model.gain:.4g} mg/dl per mU/min"
         where = f"from {path}, which was {model.provenance.source}" if path else model.provenance.source

@@ -45,7 +45,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from glucoloop.component.part import Part
+from glucoloop.component.base import Component
 
 COMPONENTS_HELP: Final = (
     "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "
@@ -66,7 +66,7 @@ class Study:
     help: str
     module: str
     """Module that does the work, imported when it runs."""
-    request: type[Part]
+    request: type[Component]
     """Class of its requests: its own settings, and those of the run or the trial that it extends."""
     option_texts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Fields of options by key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""

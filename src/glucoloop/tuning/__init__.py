@@ -4,6 +4,6 @@
 and given their results in turns, so that a study can resume.
 """
 
-from glucoloop.tuning.samplers import SAMPLERS, SamplerPart
+from glucoloop.tuning.samplers import SAMPLERS, SamplerComponent
 
-__all__ = ["SAMPLERS", "SamplerPart"]
+__all__ = ["SAMPLERS", "SamplerComponent"]

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Final, Protocol
 
 from glucoloop._extras import needed_for
+from glucoloop.component.base import MadeComponent
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.part import MadePart
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.setting import About
 from glucoloop.limits import LARGEST_SEED
@@ -128,7 +128,7 @@ def _violation(trial: Any) -> Sequence[float]:
     return result
 
 
-class SamplerPart(MadePart):
+class SamplerComponent(MadeComponent):
     """Declaration of a `Sampler`: its name, its settings, and the place of the function that makes it.
 
     Its function is also given, if it has parameters of these names, ``space`` (a `component.ranges.Tuned` for each
@@ -139,24 +139,24 @@ class SamplerPart(MadePart):
     seed: Annotated[int, About("Seed of what it draws.", at_least=0, at_most=LARGEST_SEED)] = 0
 
 
-class _TPESettings(SamplerPart, name="tpe"):
+class _TPESettings(SamplerComponent, name="tpe"):
     """Parzen estimators of good and of other tunings, by Optuna."""
 
     make: ClassVar = "glucoloop.tuning.samplers:tpe"
 
 
-class _NSGA2Settings(SamplerPart, name="nsga2"):
+class _NSGA2Settings(SamplerComponent, name="nsga2"):
     """The evolutionary algorithm NSGA-II, by Optuna."""
 
     make: ClassVar = "glucoloop.tuning.samplers:nsga2"
 
 
-class _RandomSettings(SamplerPart, name="random"):
+class _RandomSettings(SamplerComponent, name="random"):
     """Random draws, uniform between the bounds or in the logarithm."""
 
     make: ClassVar = "glucoloop.tuning.samplers:RandomDraws"
 
 
 SAMPLERS: Final = Catalogue(
-    SamplerPart, (_TPESettings, _NSGA2Settings, _RandomSettings), example="tpe, seed=3", unnamed=True
+    SamplerComponent, (_TPESettings, _NSGA2Settings, _RandomSettings), example="tpe, seed=3", unnamed=True
 )

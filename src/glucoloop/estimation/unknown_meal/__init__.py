@@ -12,16 +12,16 @@ from glucoloop.component.catalogue import Catalogue
 from glucoloop.estimation.unknown_meal.habits import MealHabits
 from glucoloop.estimation.unknown_meal.kalman import KalmanSettings, MealKalman, design_meal_kalman
 from glucoloop.estimation.unknown_meal.moving_horizon import MealHorizon, MovingHorizonSettings, design_meal_horizon
-from glucoloop.estimation.unknown_meal.protocol import EstimatorPart, MealEstimate, MealEstimator, Sensed
+from glucoloop.estimation.unknown_meal.protocol import EstimatorComponent, MealEstimate, MealEstimator, Sensed
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, estimate_meals
 
 ESTIMATORS: Final = Catalogue(
-    EstimatorPart, (MovingHorizonSettings, KalmanSettings), example="moving-horizon, fast_meals=0", unnamed=True
+    EstimatorComponent, (MovingHorizonSettings, KalmanSettings), example="moving-horizon, fast_meals=0", unnamed=True
 )
 
 __all__ = [
     "ESTIMATORS",
-    "EstimatorPart",
+    "EstimatorComponent",
     "KalmanSettings",
     "MealEstimate",
     "MealEstimates",

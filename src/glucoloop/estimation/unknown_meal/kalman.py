@@ -30,7 +30,7 @@ from glucoloop.estimation.unknown_meal.disturbed import (
     waking,
 )
 from glucoloop.estimation.unknown_meal.habits import DailyRates, MealHabits
-from glucoloop.estimation.unknown_meal.protocol import EstimatorPart, MealEstimate, Sensed
+from glucoloop.estimation.unknown_meal.protocol import EstimatorComponent, MealEstimate, Sensed
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN
 from glucoloop.meals.stomach import (
     SERVED_G_PER_MIN,
@@ -52,7 +52,7 @@ _LARGEST_COVARIANCE: Final = 1e9
 """Largest covariance, so that it stays finite through days without readings."""
 
 
-class KalmanSettings(EstimatorPart, name="kalman"):
+class KalmanSettings(EstimatorComponent, name="kalman"):
     """Rate at which the stomach empties, a random walk, by an extended Kalman filter."""
 
     sources = ("lehmann1992", "jazwinski1970")

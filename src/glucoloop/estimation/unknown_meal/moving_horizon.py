@@ -62,7 +62,7 @@ from glucoloop.estimation.unknown_meal.disturbed import (
     waking,
 )
 from glucoloop.estimation.unknown_meal.habits import DailyRates, MealHabits
-from glucoloop.estimation.unknown_meal.protocol import EstimatorPart, MealEstimate, Sensed
+from glucoloop.estimation.unknown_meal.protocol import EstimatorComponent, MealEstimate, Sensed
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
 from glucoloop.meals.stomach import (
     FAST_GUT_MIN,
@@ -96,7 +96,7 @@ _STRAY: Final = 1e-3
 _samples: Final = functools.partial(About, at_least=2, at_most=100)
 
 
-class MovingHorizonSettings(EstimatorPart, name="moving-horizon"):
+class MovingHorizonSettings(EstimatorComponent, name="moving-horizon"):
     """Beginning and end of a meal, over the latest samples; learns the sensor's noise, and knows of lost insulin."""
 
     sources = ("lehmann1992", "rao2003", "blom1988", "zhang1998")

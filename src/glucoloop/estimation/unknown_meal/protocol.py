@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Protocol
 
 from glucoloop._lazy_jax import jax
 from glucoloop._pytree import pytree
-from glucoloop.component.part import MadePart
+from glucoloop.component.base import MadeComponent
 from glucoloop.estimation.unknown_meal.habits import DailyRates
 from glucoloop.meals.stomach import Announced, Stomach
 from glucoloop.models.nonlinear import FedModel
@@ -75,7 +75,7 @@ class MealEstimator(Protocol):
         """Carry the state to this sample and correct it by the reading."""
 
 
-class EstimatorPart(MadePart):
+class EstimatorComponent(MadeComponent):
     """Declaration of an estimator of meals, an `estimation.unknown_meal.MealEstimator`.
 
     Its function is also given, if it has parameters of these names, what the controller assumes: ``model``

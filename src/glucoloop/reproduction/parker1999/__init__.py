@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final, Literal
 
-from glucoloop.component.part import Part
+from glucoloop.component.base import Component
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
@@ -18,7 +18,7 @@ _part = functools.partial(Option, panel="Parts of the paper")
 _extent = functools.partial(Option, panel="How much")
 
 
-class Reproduction(Part):
+class Reproduction(Component):
     """Parts of the paper that are reproduced, and the number of runs."""
 
     kind: ClassVar = "reproduction"

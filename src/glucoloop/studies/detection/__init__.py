@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
 from glucoloop.component.grammar import part_text
 from glucoloop.control.catalogue import ESTIMATING
-from glucoloop.control.part import ControllerPart
-from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorPart
+from glucoloop.control.part import ControllerComponent
+from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorComponent
 from glucoloop.limits import MAX_DAYS
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import SensorPart, WhiteNoise
+from glucoloop.sensors import SensorComponent, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
@@ -59,7 +59,7 @@ class Detection(Trial):
     meals: tuple[str, ...] = ("55g@5h", "55g@14.5h")
     meal_size_spread_pct: float = 80.0
     meal_time_spread_min: float = 90.0
-    sensor: tuple[SensorPart, ...] = (WhiteNoise.partial({"variance": 1.45}),)
+    sensor: tuple[SensorComponent, ...] = (WhiteNoise.partial({"variance": 1.45}),)
     controller: tuple[Case, ...] = cases_of(ESTIMATING.name)
     days: Annotated[
         int | None,
@@ -72,7 +72,7 @@ class Detection(Trial):
         ),
     ] = None
     estimators: Annotated[
-        tuple[EstimatorPart, ...],
+        tuple[EstimatorComponent, ...],
         _estimators("Estimator with its settings, like 'moving-horizon, fast_meals=0'; repeat it.", flag="--estimator"),
     ] = tuple(part.partial({}) for part in ESTIMATORS.values())
     threshold: Annotated[
@@ -80,7 +80,7 @@ class Detection(Trial):
         _estimators("Probability of a meal above which it counts as detected.", metavar="P", above=0.0, below=1.0),
     ] = 0.5
     estimates_by: Annotated[
-        ControllerPart | None,
+        ControllerComponent | None,
         _estimators(
             f"Settings of the estimators where the controller has none, like '{ESTIMATING.name}, meals_per_h=0.1'.",
             default="those of the controller, or the usual ones",
@@ -107,7 +107,7 @@ class Detection(Trial):
         _ = self.estimating  # refuses settings that are at odds
 
     @functools.cached_property
-    def tried(self) -> dict[str, EstimatorPart]:
+    def tried(self) -> dict[str, EstimatorComponent]:
         """The estimators by their texts."""
         return {part_text(part.tree()): part for part in self.estimators}
 
@@ -121,7 +121,7 @@ class Detection(Trial):
         return self.days or (_DEFAULT_DAYS if self.people == 1 else 1)
 
     @functools.cached_property
-    def estimating(self) -> ControllerPart:
+    def estimating(self) -> ControllerComponent:
         """The controller to which the estimators belong, with all settings."""
         usual = self.case.controller if self.case.controller.name == ESTIMATING.name else ESTIMATING.partial({})
         chosen = usual if self.estimates_by is None else self.estimates_by

@@ -10,16 +10,16 @@ import functools
 from collections.abc import Iterable
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.grammar import Tree, part_text
-from glucoloop.component.part import Part
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.patients.settings import PATIENTS, PatientPart
+from glucoloop.patients.settings import PATIENTS, PatientComponent
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import SENSORS, SensorPart
+from glucoloop.sensors import SENSORS, SensorComponent
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
-from glucoloop.situations.scenarios import SCENARIOS, ScenarioPart
+from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent
 from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
 
 MAX_PEOPLE: Final = 10_000
@@ -29,7 +29,7 @@ _people = functools.partial(Option, panel=PEOPLE_PANEL)
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
 
 
-class League(Part):
+class League(Component):
     """The families, sensors, scenarios and controllers of a league."""
 
     kind: ClassVar = "league"
@@ -39,15 +39,15 @@ class League(Part):
         _people("Number of people of each family, or all of one that has fewer.", at_least=2, at_most=MAX_PEOPLE),
     ] = 100
     families: Annotated[
-        tuple[PatientPart, ...],
+        tuple[PatientComponent, ...],
         _people("Patient, around whom the people of the usual population vary; repeat it for more.", flag="--patient"),
     ] = tuple(part.partial({}) for part in PATIENTS.values())
     scenarios: Annotated[
-        tuple[ScenarioPart, ...],
+        tuple[ScenarioComponent, ...],
         Option("Scenario, like 'week, days=14'; repeat it for more.", panel=PATIENT_PANEL, flag="--scenario"),
     ] = tuple(map(SCENARIOS.parse, ("plain-day", "unkind-day", "week")))
     sensors: Annotated[
-        tuple[SensorPart, ...],
+        tuple[SensorComponent, ...],
         Option("Sensor that is tried alone; repeat it for more.", panel=SENSOR_PANEL, flag="--sensor"),
     ] = tuple(map(SENSORS.parse, ("dexcom-g6", "white-noise, variance=1.45")))
     controllers: Annotated[
@@ -130,7 +130,7 @@ class League(Part):
         return results
 
 
-def texts(parts: Iterable[Part]) -> tuple[str, ...]:
+def texts(parts: Iterable[Component]) -> tuple[str, ...]:
     """Text of each part, with what was given of it."""
     return tuple(part_text(part.tree()) for part in parts)
 

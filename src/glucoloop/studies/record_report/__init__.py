@@ -6,8 +6,8 @@ import datetime as dt
 import functools
 from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
+from glucoloop.component.base import Component
 from glucoloop.component.grammar import Tree
-from glucoloop.component.part import Part
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
@@ -51,7 +51,7 @@ def period_of(text: str) -> Period:
     return period
 
 
-class RecordRequest(Part):
+class RecordRequest(Component):
     """Records that are reported, and how."""
 
     kind: ClassVar = "report"

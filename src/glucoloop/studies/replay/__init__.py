@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import ANNOUNCEMENTS
-from glucoloop.patients.settings import PatientPart, patient_entry
+from glucoloop.patients.settings import PatientComponent, patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.option import Option
@@ -52,7 +52,7 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
             object.__setattr__(self, "patient", self._person())
         super().__post_init__()
 
-    def _person(self) -> PatientPart:
+    def _person(self) -> PatientComponent:
         """The twin as the one person of its family."""
         family = self.kept().get("patient")
         if not isinstance(family, str):

@@ -15,7 +15,7 @@ from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import SensorPart, WhiteNoise
+from glucoloop.sensors import SensorComponent, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import Option
 from glucoloop.situations.ranges import RANGES as RANGES_KEY
@@ -23,7 +23,7 @@ from glucoloop.situations.ranges import ranges_parted, with_ranges
 from glucoloop.studies.guarded import PAPER_MEAL
 from glucoloop.studies.study import SearchStudy
 from glucoloop.trials.trial import Trial
-from glucoloop.tuning.samplers import SAMPLERS, SamplerPart
+from glucoloop.tuning.samplers import SAMPLERS, SamplerComponent
 
 BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""
@@ -61,7 +61,7 @@ class Search(Trial):
 
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    sensor: tuple[SensorPart, ...] = (WhiteNoise.partial({"variance": 1.45}),)
+    sensor: tuple[SensorComponent, ...] = (WhiteNoise.partial({"variance": 1.45}),)
     controller: tuple[Case, ...] = cases_of(SEARCHED.name)
     ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
         None
@@ -90,7 +90,7 @@ class Search(Trial):
         "mpc-se",
     )
     sampler: Annotated[
-        SamplerPart,
+        SamplerComponent,
         _search("Sampler of the candidates: tpe, nsga2 or random, which needs no Optuna.", default=SAMPLERS.usual),
     ] = SAMPLERS[SAMPLERS.usual].partial({})
     batch: Annotated[int, _search("Number of candidates that are proposed at a time.", at_least=1, at_most=4096)] = 64

@@ -12,7 +12,7 @@ import polars as pl
 
 from glucoloop.bounds import OptimalDoses, distance_to_bound
 from glucoloop.bounds.optimal_doses import check_samples
-from glucoloop.models.settings import FilePart
+from glucoloop.models.settings import FileComponent
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat, comparison_table, interactive_page, metrics_table, plot
 from glucoloop.report.descriptions import comparison_facts, run_facts
@@ -199,9 +199,9 @@ def _repeat(config: Run, loops: ClosedLoops, command: str, models: Mapping[str, 
     used, given = config.tree(whole=True), config.tree()
     by_label = {outcome.case.label: outcome for outcome in loops.outcomes.values()}
     model_files = {
-        case.label: {"name": FilePart.name, "path": models[case.label]}
+        case.label: {"name": FileComponent.name, "path": models[case.label]}
         for case in config.cases
-        if isinstance(case.model, FilePart) and case.label in models
+        if isinstance(case.model, FileComponent) and case.label in models
     }
     for table in used["controller"]:
         label = table["label"]

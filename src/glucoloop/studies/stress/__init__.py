@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final
 
-from glucoloop.faults import FAULTS, FaultPart
+from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import SensorPart, WhiteNoise
+from glucoloop.sensors import SensorComponent, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import SENSOR_PANEL, Option
 from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial
@@ -55,10 +55,10 @@ class StressTest(GuardedTrial):
     people: int = 100
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    sensor: tuple[SensorPart, ...] = (WhiteNoise.partial({"variance": 1.45}),)
+    sensor: tuple[SensorComponent, ...] = (WhiteNoise.partial({"variance": 1.45}),)
     controller: tuple[Case, ...] = cases_of(*PAPER_CONTROLLERS)
     faults: Annotated[
-        tuple[FaultPart, ...],
+        tuple[FaultComponent, ...],
         Option(
             "A fault that is tried alone, in place of the usual ones; repeat it for more.",
             panel=SENSOR_PANEL,

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.control import MPCTuning
-from glucoloop.models.settings import FilePart
+from glucoloop.models.settings import FileComponent
 from glucoloop.patients.settings import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
@@ -206,8 +206,8 @@ def files_of(config: GridSearch, results: Results) -> dict[str, bytes]:
     files, used, given = {}, config.tree(whole=True), config.tree()
     if searched.model is not None:
         files["model.json"] = searched.model.text().encode()
-        if isinstance(config.case.model, FilePart):
-            model_file = {"name": FilePart.name, "path": "model.json"}
+        if isinstance(config.case.model, FileComponent):
+            model_file = {"name": FileComponent.name, "path": "model.json"}
             used["controller"][0]["model"] = given["model"] = model_file
     data = {"surface.csv": "all tunings", "tune.json": "the same"}
     again = Repeat("tune --config tune.toml", used, data, given=given)

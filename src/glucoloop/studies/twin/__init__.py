@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.base import Component
 from glucoloop.component.grammar import Tree
-from glucoloop.component.part import Part
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.patients.settings import patient_entry
 from glucoloop.refusal import Refusal
@@ -18,7 +18,7 @@ _search = functools.partial(Option, panel="Search")
 _patient = functools.partial(Option, panel=PATIENT_PANEL)
 
 
-class RecordOfPerson(Part):
+class RecordOfPerson(Component):
     """Files of a person's record, and what they do not tell."""
 
     kind: ClassVar = "record"

@@ -8,7 +8,7 @@ import math
 import shlex
 from typing import Annotated, ClassVar, Final, Literal
 
-from glucoloop.component.part import Part
+from glucoloop.component.base import Component
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
@@ -29,7 +29,7 @@ _ONE_OF: Final = f"One of {', '.join(CONTROLLERS)}, or one of another package, o
 _key = functools.partial(Option, panel="Campaign")
 
 
-class Verification(Part):
+class Verification(Component):
     """A campaign, or a nonsense test."""
 
     kind: ClassVar = "verification"

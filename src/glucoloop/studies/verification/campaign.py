@@ -32,7 +32,7 @@ from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
 from glucoloop.control.guard_settings import guard_of
-from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, Episodes, FaultPart
+from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, Episodes, FaultComponent
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.metrics.promises import PROMISES, Caps, Promises
@@ -273,7 +273,7 @@ def _episodes(kind: str, there: npt.NDArray[np.bool_], samples: int, uniform: Ca
     )
 
 
-def _entry(kind: str) -> type[FaultPart]:
+def _entry(kind: str) -> type[FaultComponent]:
     return FAULTS[kind.partition(", ")[0]]
 
 

@@ -2,7 +2,7 @@
 
 A part is declared once, beside its science::
 
-    class Lag(SensorPart, name="lag"):
+    class Lag(SensorComponent, name="lag"):
         \"\"\"Glucose behind a first-order lag, as under the skin.\"\"\"
 
         lag_min: Annotated[float, About("Time constant of the lag.", above=0.0, at_most=120.0)] = 10.0
@@ -27,18 +27,18 @@ from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import Quantity
 
 _SCALARS: Final = (int, float, str, bool)
-P = TypeVar("P", bound="Part")
+P = TypeVar("P", bound="Component")
 WIRING: Final = "wiring"
 """Metadata of a field that is no setting: what an object is connected to, or told of the loop around it."""
 _RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", "sources", NONE)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(usual,))
-class Part:
+class Component:
     """Something that a user names, with settings. Making one checks them.
 
-    A class is a part under the name that it is given: ``class Lag(SensorPart, name="lag")``. A class without a name
-    is a common declaration of settings.
+    A class is a component under the name that it is given: ``class Lag(SensorComponent, name="lag")``. A class without
+    a name is a common declaration of settings.
 
     Raises
     ------
@@ -196,7 +196,7 @@ class Part:
         return self.text
 
 
-def _inherit_annotations(part: type[Part]) -> None:
+def _inherit_annotations(part: type[Component]) -> None:
     """A default that a class gives without a description is one of the setting that it inherits."""
     inherited = next((base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)), None)
     known = () if inherited is None else dataclasses.fields(typing.cast(Any, inherited))
@@ -212,8 +212,8 @@ def _with_article(noun: str) -> str:
 
 
 def _plain(value: Any, whole: bool) -> Any:
-    if isinstance(value, Part | WithUnit):
-        return value.tree(whole=whole) if isinstance(value, Part) else value.text
+    if isinstance(value, Component | WithUnit):
+        return value.tree(whole=whole) if isinstance(value, Component) else value.text
     return [_plain(item, whole) for item in value] if isinstance(value, tuple | list) else value
 
 
@@ -224,11 +224,11 @@ def _bare(value: Any) -> Any:
     return float(value) if isinstance(value, WithUnit) else value
 
 
-def _checking(part: type[Part], plain_init: Callable[..., None]) -> Callable[..., None]:
+def _checking(part: type[Component], plain_init: Callable[..., None]) -> Callable[..., None]:
     """Constructor that takes numbers of NumPy and JAX as well, and refuses what is out of bounds."""
 
     @functools.wraps(plain_init)
-    def init(self: Part, *args: Any, **kwargs: Any) -> None:
+    def init(self: Component, *args: Any, **kwargs: Any) -> None:
         if type(self) is not part:  # a class that extends this one checks all of its settings itself
             plain_init(self, *args, **kwargs)
             return
@@ -247,7 +247,7 @@ def _checking(part: type[Part], plain_init: Callable[..., None]) -> Callable[...
     return init
 
 
-def _taken(part: type[Part], name: str, value: Any) -> Any:
+def _taken(part: type[Component], name: str, value: Any) -> Any:
     """A value within its bounds, in the type of its setting."""
     setting = part.settings()[name]
     if setting.kind not in _SCALARS or setting.many:
@@ -263,7 +263,7 @@ def _taken(part: type[Part], name: str, value: Any) -> Any:
     return setting.check(value)
 
 
-def _connected(part: type[Part], name: str, value: Any) -> Any:
+def _connected(part: type[Component], name: str, value: Any) -> Any:
     """A value of a field that is no setting, of the type of its annotation."""
     from glucoloop.arguments import converted
 
@@ -333,7 +333,7 @@ def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
     return catalogue.read(leaf, allow_unusual=allow_unusual)
 
 
-class MadePart(Part):
+class MadeComponent(Component):
     """A part of which a function makes something.
 
     It is called with all settings by name, and with what else is known if it has a parameter of that name. A class that
