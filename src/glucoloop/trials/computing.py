@@ -54,7 +54,7 @@ class Workers:
     """Address of a scheduler, or ``"local"`` for processes of this machine."""
 
     @classmethod
-    def of(cls, number: object = None, dask: str | None = None) -> Self:
+    def of(cls, number: str | None = None, dask: str | None = None) -> Self:
         """The place that options name; Refusal for one that cannot be used, before anything is designed."""
         workers = None if number is None else _NUMBER.check(_NUMBER.read(number))
         if dask is not None and dask != _LOCAL and "://" not in dask:
