@@ -1,7 +1,8 @@
 """Tables of a study as LaTeX, for a paper: what the terminal shows, with a unit in every heading that has one.
 
 A table of the terminal is a table of rich, from `reporting.columns`; this module reads its headings, alignment,
-sections, bold numbers and caption, so that any study has its LaTeX from what it has already. Rules are those of ``booktabs``.
+sections, bold numbers and caption, so that any study has its LaTeX from what it has already. Rules are those of
+``booktabs``.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ What was found is a `storage.results.Results`: plain values, which are the summa
 names of their files. ``notes`` among the plain values are sentences that JSON tells on standard error too. A finished
 folder gives the plain values back, so `tables` and `sentences` of a study that resumes use nothing else; figures may
 also use ``extra``, which is not kept. A number of a cell is declared once, as a `reporting.columns.Column`:
-``measured`` computes it from people, and files, JSON, terminal and page follow. ``reporting/heat.py`` draws heat maps, and
-``reporting/templates/parts.html`` has macros for tables of columns, maps, faults, facts and how to repeat a study.
+``measured`` computes it from people, and files, JSON, terminal and page follow. ``reporting/heat.py`` draws heat maps,
+and ``reporting/templates/parts.html`` has macros for tables of columns, maps, faults, facts and how to repeat a study.
 """
 
 from __future__ import annotations
