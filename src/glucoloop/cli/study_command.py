@@ -200,7 +200,7 @@ class _StudyRun:
 
     def files_of(self, results: Results) -> dict[str, bytes]:
         """Files of what was found, of its tables as LaTeX, and of its pages and figures, by name."""
-        from glucoloop.report.latex import latex_tables
+        from glucoloop.reporting.latex import latex_tables
 
         name = self.study.name
         with stage("Drawing"):
@@ -248,7 +248,7 @@ def _run_trial(study: TrialStudy, request: Request, typed: Given) -> StudyOutcom
 
 def _compute_shards(folder: TrialFolder, workers: Workers) -> None:
     """Design the controllers of a trial and compute its missing shards, with its progress."""
-    from glucoloop.report.descriptions import engine_notes
+    from glucoloop.reporting.descriptions import engine_notes
     from glucoloop.trials.computing import beginning
     from glucoloop.trials.engine import prepare
 

@@ -14,9 +14,9 @@ from glucoloop.metrics.control_variability import (
     region_pct,
     zone_pct,
 )
-from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY, RANGE_COLOURS, ZONE_COLOURS, Width
-from glucoloop.report.charts import extent
+from glucoloop.reporting import _style
+from glucoloop.reporting._style import FONT_PT, GREY, RANGE_COLOURS, ZONE_COLOURS, Width
+from glucoloop.reporting.charts import extent
 from glucoloop.studies.trial.report import RANGES, CaseReport, TrialReport
 from glucoloop.text import percent
 from glucoloop.units import u_h_from_mu_min

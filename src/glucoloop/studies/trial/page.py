@@ -13,13 +13,13 @@ from glucoloop.display_units import OTHERS, other_value, shown_unit
 from glucoloop.faults import FAULTS
 from glucoloop.metrics import control_variability as cvga
 from glucoloop.metrics.catalogue import result_named
-from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
-from glucoloop.report.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent, thinned
-from glucoloop.report.columns import MetricRow
-from glucoloop.report.labelled_traces import exercise_in_words
-from glucoloop.report.page import glucose_panel, mark_faults
-from glucoloop.report.periods import concentrations
-from glucoloop.report.template import render
+from glucoloop.reporting._style import RANGE_COLOURS, ZONE_COLOURS
+from glucoloop.reporting.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent, thinned
+from glucoloop.reporting.columns import MetricRow
+from glucoloop.reporting.labelled_traces import exercise_in_words
+from glucoloop.reporting.page import glucose_panel, mark_faults
+from glucoloop.reporting.periods import concentrations
+from glucoloop.reporting.template import render
 from glucoloop.studies.trial.report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.text import NOT_AVAILABLE, percent
 from glucoloop.trials.quantiles import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN

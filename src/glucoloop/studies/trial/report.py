@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.physiology.exercise import Exercise
-from glucoloop.report.template import Repeat
+from glucoloop.reporting.template import Repeat
 
 Floats = npt.NDArray[np.float64]
 

@@ -10,16 +10,16 @@ import polars as pl
 
 from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.report import Repeat
-from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
-from glucoloop.report.descriptions import (
+from glucoloop.reporting import Repeat
+from glucoloop.reporting.columns import MetricRow, in_other_unit, lines_table
+from glucoloop.reporting.descriptions import (
     controllers_facts,
     engine_facts,
     engine_notes,
     person_in_words,
     trial_facts,
 )
-from glucoloop.report.print_figure import figure_files
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
 from glucoloop.studies.trial.figure import plot_trial
