@@ -200,7 +200,7 @@ class _StudyRun:
 
     def files_of(self, results: Results) -> dict[str, bytes]:
         """Files of what was found, of its tables as LaTeX, and of its pages and figures, by name."""
-        from glucoloop.report.latex import latex_tables
+        from glucoloop.reporting.latex import latex_tables
 
         name = self.study.name
         with stage("Drawing"):

@@ -48,7 +48,7 @@ class Computing:
 
     def compute(self, folder: TrialFolder) -> None:
         """Design the controllers, and compute the shards that are missing."""
-        from glucoloop.report.descriptions import engine_notes
+        from glucoloop.reporting.descriptions import engine_notes
         from glucoloop.trials.engine import prepare, run_people
 
         missing = folder.missing()

@@ -10,17 +10,17 @@ import polars as pl
 
 from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
-from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
-from glucoloop.report.descriptions import (
+from glucoloop.reporting import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.reporting.columns import MetricRow, in_other_unit, lines_table
+from glucoloop.reporting.descriptions import (
     controllers_facts,
     engine_facts,
     engine_notes,
     person_in_words,
     trial_facts,
 )
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.trial_report import ranges_pct
+from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.trial_report import ranges_pct
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
