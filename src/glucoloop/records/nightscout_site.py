@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
-from glucoloop.records.nightscout import Nightscout
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, json_of
+from glucoloop.records.nightscout import Nightscout
 from glucoloop.records.nightscout_profile import profiles_of, zone_of
 from glucoloop.records.record import DeviceRecord
 from glucoloop.records.tidy import Account, record_of, settled
