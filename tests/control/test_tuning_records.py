@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glucoloop.control import MPCTuning, StateTuning
-from glucoloop.control.imc import IMCSettings
+from glucoloop.control.imc import IMC
 from glucoloop.control.mpc_se import MPCSESettings
 from glucoloop.control.nlqdmc_se import NLQDMCSettings
 from glucoloop.control.tuning import PARKER_1999
@@ -66,7 +66,7 @@ def test_what_the_paper_prints():
         assert noisy.mpc_se == StateTuning(2, 8, 1.0, 1.0, 0.65, start)
         assert quiet.nlqdmc_se == StateTuning(2, 5, 1.0, 0.0, 0.57, start)
     assert MPCSESettings().measurement_variance == NLQDMCSettings().measurement_variance == 1.45
-    assert (IMCSettings().filter_min, IMCSettings().delay_min) == (1.0, 5.0)
+    assert (IMC().filter_min, IMC().delay_min) == (1.0, 5.0)
 
 
 @pytest.mark.parametrize(

@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import Final
 
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.control.basal_bolus import BasalBolusSettings
-from glucoloop.control.imc import IMCSettings
+from glucoloop.control.basal_bolus import BasalBolus
+from glucoloop.control.imc import IMC
 from glucoloop.control.linear_mpc import LinearMPCSettings
 from glucoloop.control.loop_like import LoopLike
 from glucoloop.control.meal_mpc import MealMPCSettings
 from glucoloop.control.mpc_se import MPCSESettings
 from glucoloop.control.nlqdmc_se import NLQDMCSettings
 from glucoloop.control.open_loop import OpenLoop
-from glucoloop.control.oref0.controller import Oref0Settings
+from glucoloop.control.oref0.controller import Oref0
 from glucoloop.control.part import ControllerComponent
-from glucoloop.control.pid import PIDSettings
+from glucoloop.control.pid import PID
 from glucoloop.control.pid_ifb import PIDIFB
 from glucoloop.control.profile_mpc import ProfileMPCSettings
 
@@ -27,11 +27,11 @@ CONTROLLERS: Final[Catalogue[ControllerComponent]] = Catalogue(
         NLQDMCSettings,
         ProfileMPCSettings,
         MealMPCSettings,
-        IMCSettings,
-        PIDSettings,
-        BasalBolusSettings,
+        IMC,
+        PID,
+        BasalBolus,
         OpenLoop,
-        Oref0Settings,
+        Oref0,
         PIDIFB,
         LoopLike,
     ),
