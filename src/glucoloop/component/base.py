@@ -240,7 +240,12 @@ def _checking(part: type[Component], plain_init: Callable[..., None]) -> Callabl
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
         settings = part.settings()
         values = {name: _bare(_taken(part, name, value)) for name, value in given.items() if name in settings}
-        wiring = {name: _connected(part, name, value) for name, value in given.items() if name not in settings}
+        unconnected = {field.name for field in fields if field.default is None and given.get(field.name) is None}
+        wiring = {
+            name: None if name in unconnected else _connected(part, name, value)
+            for name, value in given.items()
+            if name not in settings
+        }
         plain_init(self, **values, **wiring)
         self._noted(values, "", "")
 

@@ -7,11 +7,11 @@ from typing import Final
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.control.basal_bolus import BasalBolus
 from glucoloop.control.imc import IMC
-from glucoloop.control.linear_mpc import LinearMPCSettings
+from glucoloop.control.linear_mpc import LinearMPC
 from glucoloop.control.loop_like import LoopLike
 from glucoloop.control.meal_mpc import MealMPCSettings
-from glucoloop.control.mpc_se import MPCSESettings
-from glucoloop.control.nlqdmc_se import NLQDMCSettings
+from glucoloop.control.mpc_se import MPCSE
+from glucoloop.control.nlqdmc_se import NLQDMC
 from glucoloop.control.open_loop import OpenLoop
 from glucoloop.control.oref0.controller import Oref0
 from glucoloop.control.part import ControllerComponent
@@ -22,9 +22,9 @@ from glucoloop.control.profile_mpc import ProfileMPCSettings
 CONTROLLERS: Final[Catalogue[ControllerComponent]] = Catalogue(
     ControllerComponent,
     (
-        LinearMPCSettings,
-        MPCSESettings,
-        NLQDMCSettings,
+        LinearMPC,
+        MPCSE,
+        NLQDMC,
         ProfileMPCSettings,
         MealMPCSettings,
         IMC,

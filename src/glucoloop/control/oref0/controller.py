@@ -231,7 +231,8 @@ class Oref0(OfPerson, name="oref0"):
     @derived
     def setpoint_mg_dl(self) -> jax.Array:
         """The person's setpoint."""
-        return jnp.asarray(self._person.setpoint_mg_dl, jnp.asarray(self._person.basal_mU_min).dtype)
+        setpoint: jax.Array = jnp.asarray(self._person.setpoint_mg_dl, jnp.asarray(self._person.basal_mU_min).dtype)
+        return setpoint
 
     @derived
     def dosing(self) -> DosingProfile:
