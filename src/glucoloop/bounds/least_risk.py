@@ -231,8 +231,7 @@ class _Ahead:
 
 @compiled_by_class
 def _followed(ahead: _Ahead, doses: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """State after each sample, and glucose inside it, ``(samples, points)``, under multiples of the rate at steady
-    state."""
+    """State after each sample, and glucose inside it, ``(samples, points)``, under multiples of the basal rate."""
 
     def one(x: jax.Array, entry: tuple[jax.Array, Exogenous]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         after, inside = ahead.plant.advance(x, *entry)

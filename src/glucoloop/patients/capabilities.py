@@ -106,7 +106,8 @@ def process_noise(patient: Patient, glucose: float, other: float, glucagon: floa
     """Diagonal of Q `(states,)` of a filter, from variances per sample of three kinds of states.
 
     By default each state has the variance of glucose in proportion to the squares of both at steady state, whatever its
-    unit."""
+    unit.
+    """
     of_patient = getattr(patient, "process_noise", None)
     if of_patient is not None:
         diagonal: npt.NDArray[np.float64] = of_patient(glucose, other, glucagon)

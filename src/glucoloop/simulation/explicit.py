@@ -119,7 +119,7 @@ class Explicit:
         if self.steps_per_min is not None:
             raise Refusal(
                 f"{self.steps_per_min} steps per minute are too few for {type(patient).__name__}, whose fastest rate "
-                f"at steady state is {fastest:.3g} per minute; give {math.ceil(fastest / _STABLE)} or more, or no number"
+                f"at steady state is {fastest:.3g} per minute; give {math.ceil(fastest / _STABLE)} or more, or none"
             )
         if needed > _MAX_STEPS_PER_MIN * point_min:
             raise Refusal(
