@@ -100,6 +100,16 @@ class AnyTable(ReaderComponent, name="table"):
 
 READERS: Final = Catalogue(
     ReaderComponent,
-    (DexcomClarity, LibreView, CareLink, Nightscout, Tidepool, OhioT1DM, Simglucose, ReplayBG, AnyTable),
+    {
+        "dexcom-clarity": "glucoloop.records.readers:DexcomClarity",
+        "libreview": "glucoloop.records.readers:LibreView",
+        "carelink": "glucoloop.records.readers:CareLink",
+        "nightscout": "glucoloop.records.readers:Nightscout",
+        "tidepool": "glucoloop.records.readers:Tidepool",
+        "ohio-t1dm": "glucoloop.records.readers:OhioT1DM",
+        "simglucose": "glucoloop.records.readers:Simglucose",
+        "replaybg": "glucoloop.records.readers:ReplayBG",
+        "table": "glucoloop.records.readers:AnyTable",
+    },
     example="dexcom-clarity",
 )
