@@ -10,7 +10,7 @@ import pytest
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
 from glucoloop.metrics.readings import Readings, numbers_of
-from glucoloop.reporting import Repeat, interactive_page, trial_page
+from glucoloop.reporting import Repeat, interactive_page
 from glucoloop.reporting.record_goals import GOALS
 from glucoloop.reporting.record_groups import ReportedRecord
 from glucoloop.reporting.record_page import record_page
@@ -18,6 +18,7 @@ from glucoloop.reproduction.parker1999 import POINTS
 from glucoloop.reproduction.parker1999.comparison import ENTRIES, ComparedEntry, Reproduced
 from glucoloop.reproduction.parker1999.experiments import PointResults
 from glucoloop.reproduction.parker1999.study import page
+from glucoloop.studies.trial.page import trial_page
 from glucoloop.studies.tuning.study import _Searched, _surface_page
 from glucoloop.tuning.grid import tuning_grid
 from monitor_records import with_gaps

@@ -10,7 +10,7 @@ import polars as pl
 
 from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.reporting import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.reporting.descriptions import (
     controllers_facts,
@@ -20,9 +20,11 @@ from glucoloop.reporting.descriptions import (
     trial_facts,
 )
 from glucoloop.reporting.print_figure import figure_files
-from glucoloop.reporting.trial_report import ranges_pct
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
+from glucoloop.studies.trial.figure import plot_trial
+from glucoloop.studies.trial.page import trial_page
+from glucoloop.studies.trial.report import CaseReport, MetricDistribution, TrialReport, WorstPerson, ranges_pct
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.trials import engine
 from glucoloop.trials.folder import BANDS, REPORT, TrialFolder

@@ -17,7 +17,7 @@ from glucoloop.metrics.control_variability import (
 from glucoloop.reporting import _style
 from glucoloop.reporting._style import FONT_PT, GREY, RANGE_COLOURS, ZONE_COLOURS, Width
 from glucoloop.reporting.charts import extent
-from glucoloop.reporting.trial_report import RANGES, CaseReport, TrialReport
+from glucoloop.studies.trial.report import RANGES, CaseReport, TrialReport
 from glucoloop.text import percent
 from glucoloop.units import u_h_from_mu_min
 
