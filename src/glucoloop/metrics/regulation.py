@@ -40,11 +40,23 @@ class Extremes(Metric, name="extremes"):
         Result("undershoot_mg_dl", "Setpoint minus the least glucose.", "Undershoot", "mg/dl", fall=True),
         Result("minimum_mg_dl", "Least glucose of the run.", "Least glucose", "mg/dl", concentration=True),
         Result(
-            "minimum_t_min", "Time from the start of the run at which the minimum is first reached.", "  at", "min", 0
+            "minimum_t_min",
+            "Time from the start of the run at which the minimum is first reached.",
+            "  at",
+            "min",
+            0,
+            moment=True,
         ),
         Result("overshoot_mg_dl", "Greatest glucose minus the setpoint.", "Overshoot", "mg/dl"),
         Result("peak_mg_dl", "Greatest glucose of the run.", "Greatest glucose", "mg/dl", concentration=True),
-        Result("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at", "min", 0),
+        Result(
+            "peak_t_min",
+            "Time from the start of the run at which the peak is first reached.",
+            "  at",
+            "min",
+            0,
+            moment=True,
+        ),
     )
 
     def init(
