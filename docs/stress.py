@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from made import NAMES, made
 
-from glucoloop.report.descriptions import short_names
+from glucoloop.reporting.descriptions import short_names
 from glucoloop.situations.situation import configured
 from glucoloop.trials import engine
 from glucoloop.trials.trial import Trial

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from made import NAMES, made
 
-from glucoloop.report import _style
+from glucoloop.reporting import _style
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
 from glucoloop.studies.adversary.study import search

@@ -8,8 +8,8 @@ from rich.console import Console
 
 import glucoloop as gl
 from glucoloop.display_units import heading_shown, in_both_units, in_shown_units, other_number, showing, shown_unit
-from glucoloop.report import _style
-from glucoloop.report.columns import Column, MetricRow, lines_table, terminal_table
+from glucoloop.reporting import _style
+from glucoloop.reporting.columns import Column, MetricRow, lines_table, terminal_table
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 

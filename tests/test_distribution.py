@@ -93,7 +93,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
         held = {name for name in wheel.namelist() if not name.startswith(f"{NAMED}.dist-info/")}
     package = {file.removeprefix("src/") for file in built.files if file.startswith("src/")}
     assert held == {file for file in package if Path(file).name not in FOR_CHECKS}
-    assert {"glucoloop/lab/page/lab.wasm", "glucoloop/report/templates/base.html", "glucoloop/py.typed"} < held
+    assert {"glucoloop/lab/page/lab.wasm", "glucoloop/reporting/templates/base.html", "glucoloop/py.typed"} < held
 
 
 def test_the_package_of_the_wheel_answers(built, tmp_path):

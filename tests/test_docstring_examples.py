@@ -19,7 +19,7 @@ MODULES = sorted(
 
 def test_all_modules_are_looked_at():
     assert len(MODULES) > 60
-    assert {"glucoloop.control.imc", "glucoloop.qp.two_moves", "glucoloop.report.figure"} <= set(MODULES)
+    assert {"glucoloop.control.imc", "glucoloop.qp.two_moves", "glucoloop.reporting.figure"} <= set(MODULES)
     program = importlib.util.find_spec(_PROGRAM).loader.get_source(_PROGRAM)
     assert ">>>" not in program
     assert len(program.splitlines()) < 10

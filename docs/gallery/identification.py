@@ -7,7 +7,7 @@ by two Laguerre functions.
 import jax
 
 import glucoloop as gl
-from glucoloop.report import plot_identification
+from glucoloop.reporting import plot_identification
 
 patient = gl.patient()
 noisy = gl.identify(patient, gl.white_noise(1.45), jax.random.key(1))

@@ -24,7 +24,7 @@ from . import pumps as pumps
 from . import qp as qp
 from . import records as records
 from . import refusal as refusal
-from . import report as report
+from . import reporting as reporting
 from . import reproduction as reproduction
 from . import schema as schema
 from . import sensors as sensors
@@ -83,7 +83,7 @@ from .pumps import dose_limits as dose_limits
 from .pumps import with_resolution as with_resolution
 from .records import read_record as read_record
 from .refusal import Refusal as Refusal
-from .report import plot as plot
+from .reporting import plot as plot
 from .sensors import dead_time as dead_time
 from .sensors import white_noise as white_noise
 from .simulation import Adaptive as Adaptive

@@ -90,7 +90,7 @@ class CommandResult:
 
     def plot(self) -> Figure:
         """Figure of the traces of `run` and `compare`."""
-        from glucoloop.report import plot
+        from glucoloop.reporting import plot
 
         return plot(self.traces)
 

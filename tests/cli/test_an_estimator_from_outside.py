@@ -4,7 +4,7 @@ import pytest
 
 from glucoloop.build.designs import controller_of
 from glucoloop.estimation.unknown_meal import ESTIMATORS
-from glucoloop.report.descriptions import _case_in_words
+from glucoloop.reporting.descriptions import _case_in_words
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection

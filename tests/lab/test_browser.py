@@ -11,9 +11,9 @@ import pytest
 from browser import in_browser, needs_browser
 from glucoloop import __version__
 from glucoloop.lab.pack import page
-from glucoloop.report import Repeat
-from glucoloop.report.charts import GLUCOSE, Panel, Plot
-from glucoloop.report.template import render
+from glucoloop.reporting import Repeat
+from glucoloop.reporting.charts import GLUCOSE, Panel, Plot
+from glucoloop.reporting.template import render
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import toml_text

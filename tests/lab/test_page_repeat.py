@@ -11,8 +11,8 @@ import pytest
 
 from glucoloop.cli.app import command_of, main
 from glucoloop.cli.request import request_of
-from glucoloop.report import Repeat
-from glucoloop.report.template import render
+from glucoloop.reporting import Repeat
+from glucoloop.reporting.template import render
 from glucoloop.situations.request import request_from
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text

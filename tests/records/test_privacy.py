@@ -11,9 +11,9 @@ import glucoloop as gl
 from device_files import FILES, NAME, SERIAL, SURNAME
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.report.record_goals import GOALS
-from glucoloop.report.record_groups import ReportedRecord
-from glucoloop.report.record_page import record_page
+from glucoloop.reporting.record_goals import GOALS
+from glucoloop.reporting.record_groups import ReportedRecord
+from glucoloop.reporting.record_page import record_page
 
 PLANTED = "Vorderbrandner"
 SECRETS = (PLANTED, NAME, SURNAME, SERIAL)

@@ -2,6 +2,7 @@
 
 import json
 from datetime import datetime, timedelta
+from pathlib import Path
 
 import polars as pl
 import pytest
@@ -338,37 +339,8 @@ def test_a_record_is_written_and_read_back_whole(read, name):
     assert (again.notes, again.left_out, again.rows) == (record.notes, record.left_out, record.rows)
 
 
-OWN = '''
-"""Diary of a program of one's own: lines of a time and a reading, with a bar between them."""
-
-import polars as pl
-
-from glucoloop.records import ReaderComponent
-from glucoloop.records.extract import Extract, extract_frame
-from glucoloop.records.times import times_of
-
-
-class Diary(ReaderComponent, name="diary"):
-    """Lines of a time and a reading."""
-
-    home = __name__
-
-
-def recognised(content):
-    return content.head[0].count("|") == 1
-
-
-def rows(content, answers):
-    fields = pl.Series(content.text.splitlines()).str.split_exact("|", 1).struct.unnest()
-    times, notes = times_of(fields["field_0"], answers)
-    frame = extract_frame(fields, times, glucose=pl.col("field_1"))
-    return Extract(frame=frame, glucose_unit="mg/dl", notes=tuple(notes))
-'''
-
-
-def test_a_reader_of_another_package_is_one_class_and_two_functions(read, tmp_path, monkeypatch):
-    (tmp_path / "own_diary.py").write_text(OWN, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    told = read("2024-03-13 07:00|101\n2024-03-13 07:05|x\n", reader="own_diary:Diary")
+def test_a_reader_of_another_package_is_one_class(read, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "examples")
+    told = read("2024-03-13 07:00|101\n2024-03-13 07:05|x\n", reader="your_own_reader:Diary")
     assert told.frame["glucose_mg_dl"].to_list() == [101.0]
     assert told.left_out == {"rows with values that are no number or not possible": 1}

@@ -62,7 +62,7 @@ def _print_table(answer: Answer) -> None:
     from rich import box
     from rich.table import Table
 
-    from glucoloop.report.columns import FittingTable
+    from glucoloop.reporting.columns import FittingTable
 
     shown = list(itertools.islice(answer.rows, _MAX_SHOWN + 1))
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)

@@ -141,7 +141,7 @@ def _print_record(record: DeviceRecord) -> None:
     from rich import box
     from rich.table import Table
 
-    from glucoloop.report.columns import FittingTable
+    from glucoloop.reporting.columns import FittingTable
 
     summary = _described(record)
     print_text(

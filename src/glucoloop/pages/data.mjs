@@ -1,5 +1,5 @@
 // @ts-check
-/** What Python wrote into a page to be drawn: `report.charts` says how. */
+/** What Python wrote into a page to be drawn: `reporting.charts` says how. */
 
 import { colourOf } from "./chart.mjs";
 

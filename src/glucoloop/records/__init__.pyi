@@ -1,6 +1,9 @@
+from .extract import Extract as Extract
+from .extract import extract_frame as extract_frame
 from .nightscout_site import read_nightscout as read_nightscout
+from .reader import ReaderComponent as ReaderComponent
 from .readers import READERS as READERS
-from .readers import ReaderComponent as ReaderComponent
 from .record import DeviceRecord as DeviceRecord
 from .record import FileRefusal as FileRefusal
 from .record import read_record as read_record
+from .times import times_of as times_of

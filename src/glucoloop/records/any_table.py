@@ -11,6 +11,7 @@ import polars as pl
 from glucoloop.records.answers import TARGETS, Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
+from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.refusal import Refusal
 
@@ -19,37 +20,40 @@ _MILLISECONDS: Final = 13
 """Number of digits of the milliseconds since 1970 of any time from 2001 to 2286; that of seconds is 10."""
 
 
-def recognised(content: FileText) -> bool:
-    """Whether a file has the names of a record."""
-    return any(content.header("time", name, whole=True) for name in _UNITS)
+class AnyTable(ReaderComponent, name="table"):
+    """Any table whose columns are named, or have the names of a record."""
 
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file has the names of a record."""
+        return any(content.header("time", name, whole=True) for name in _UNITS)
 
-def rows(content: FileText, answers: Answers) -> Extract:
-    """Rows of a table by the names of its columns."""
-    names = dict(answers.columns) or _own_names(content)
-    place = content.header(*names.values(), whole=True)
-    if place is None:
-        raise Refusal(
-            f"no line of its beginning has all of the columns {', '.join(names.values())}; {_likely(content, names)}"
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of a table by the names of its columns."""
+        names = dict(answers.columns) or _own_names(content)
+        place = content.header(*names.values(), whole=True)
+        if place is None:
+            raise Refusal(
+                f"no line of its beginning has all of the columns {', '.join(names.values())}; "
+                f"{_likely(content, names)}"
+            )
+        table = content.table(place)
+        by_text = {name.casefold(): name for name in reversed(table.frame.columns)}
+        frame = table.frame.select(**{target: table.texts(by_text[name.casefold()]) for target, name in names.items()})
+        epoch = frame["time"].drop_nulls()
+        if len(epoch) and epoch.str.contains(rf"^(\d{{10}}|\d{{{_MILLISECONDS}}})$").all():
+            digits = pl.col("time").str.pad_end(_MILLISECONDS, "0").cast(pl.Int64).cast(pl.Datetime("ms"))
+            times, notes = from_utc(frame.select(digits).to_series(), None, answers)
+        else:
+            times, notes = times_of(frame["time"], answers)
+        kept = {"glucose": "glucose_mg_dl", "carbs": "carbs_g", "bolus": "bolus_U", "basal": "basal_U_h"}
+        if "glucose_mmol_l" in names:
+            kept["glucose"] = "glucose_mmol_l"
+        columns = {name: pl.col(target) for name, target in kept.items() if target in names}
+        return Extract(
+            frame=extract_frame(frame, times, table.spoilt, **columns),
+            glucose_unit=_UNITS.get(kept["glucose"]),
+            notes=(*table.notes, *notes),
         )
-    table = content.table(place)
-    by_text = {name.casefold(): name for name in reversed(table.frame.columns)}
-    frame = table.frame.select(**{target: table.texts(by_text[name.casefold()]) for target, name in names.items()})
-    epoch = frame["time"].drop_nulls()
-    if len(epoch) and epoch.str.contains(rf"^(\d{{10}}|\d{{{_MILLISECONDS}}})$").all():
-        digits = pl.col("time").str.pad_end(_MILLISECONDS, "0").cast(pl.Int64).cast(pl.Datetime("ms"))
-        times, notes = from_utc(frame.select(digits).to_series(), None, answers)
-    else:
-        times, notes = times_of(frame["time"], answers)
-    kept = {"glucose": "glucose_mg_dl", "carbs": "carbs_g", "bolus": "bolus_U", "basal": "basal_U_h"}
-    if "glucose_mmol_l" in names:
-        kept["glucose"] = "glucose_mmol_l"
-    columns = {name: pl.col(target) for name, target in kept.items() if target in names}
-    return Extract(
-        frame=extract_frame(frame, times, table.spoilt, **columns),
-        glucose_unit=_UNITS.get(kept["glucose"]),
-        notes=(*table.notes, *notes),
-    )
 
 
 def _own_names(content: FileText) -> dict[str, str]:

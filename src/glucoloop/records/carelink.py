@@ -17,6 +17,7 @@ from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import kind_of
 from glucoloop.records.extract import Extract, extract_frame, with_basal
 from glucoloop.records.file_text import CellTable, FileText, table_of
+from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
 
@@ -45,68 +46,73 @@ _RUNNING: Final = "NORMAL"
 """Word of the state of a pump that delivers again."""
 
 
-def recognised(content: FileText) -> bool:
-    """Whether a file has a header of CareLink."""
-    return content.header(*_HEADER) is not None
+class CareLink(ReaderComponent, name="carelink"):
+    """CSV that CareLink exports of pumps and sensors of Medtronic."""
 
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file has a header of CareLink."""
+        return content.header(*_HEADER) is not None
 
-def rows(content: FileText, answers: Answers) -> Extract:
-    """Rows of all sections of an export of CareLink."""
-    place = content.header(*_HEADER)
-    if place is None:
-        raise Refusal("it has no header of CareLink, Index, Date, Time and so on; export it again")
-    delimiter = place[1]
-    sections = _sections(content.text, delimiter)
-    units = {unit for _, table in sections for unit in _units(table)}
-    if len(units) > 1:
-        raise Refusal("its sections have glucose in mg/dl and in mmol/l; export it again in one unit")
-    parts = [
-        table.frame.select(
-            device=pl.lit(device), **{name: table.texts(table.column(start)) for name, start in _COLUMNS.items()}
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of all sections of an export of CareLink."""
+        place = content.header(*_HEADER)
+        if place is None:
+            raise Refusal("it has no header of CareLink, Index, Date, Time and so on; export it again")
+        delimiter = place[1]
+        sections = _sections(content.text, delimiter)
+        units = {unit for _, table in sections for unit in _units(table)}
+        if len(units) > 1:
+            raise Refusal("its sections have glucose in mg/dl and in mmol/l; export it again in one unit")
+        parts = [
+            table.frame.select(
+                device=pl.lit(device), **{name: table.texts(table.column(start)) for name, start in _COLUMNS.items()}
+            )
+            for device, table in sections
+        ]
+        frame = pl.concat(parts).with_columns(
+            pl.when(~pl.col(name).str.starts_with(_RULE)).then(name) for name in _COLUMNS if name != "device"
         )
-        for device, table in sections
-    ]
-    frame = pl.concat(parts).with_columns(
-        pl.when(~pl.col(name).str.starts_with(_RULE)).then(name) for name in _COLUMNS if name != "device"
-    )
-    spoilt = pl.concat([table.spoilt for _, table in sections])
-    frame = frame.with_columns(pl.when(pl.lit(spoilt).is_null()).then(name) for name in _COLUMNS)
-    times, notes = times_of(frame.select(pl.concat_str("date", "clock", separator=" ")).to_series(), answers)
-    meal = pl.col("marker").str.extract(r"(?i)^Meal: *([0-9.,]+) *g")
-    known = pl.col("marker").str.extract(r"(?i)^(Insulin|Meal|Exercise|BG)\b").str.to_lowercase()
-    words = {"insulin": "event markers of insulin of an unknown kind", "meal": "event markers of meals without grams"}
-    kind = (
-        pl.when(pl.col("meter").is_not_null())
-        .then(pl.lit("finger pricks"))
-        .when(pl.col("selected").is_not_null())
-        .then(pl.lit("boluses as they were selected, before their delivery"))
-        .when(pl.col("exchanges").is_not_null())
-        .then(pl.lit("meals in exchanges, not in grams"))
-        .when(pl.col("marker").is_not_null())
-        .then(known.replace_strict(words, default="other event markers", return_dtype=pl.String))
-        .when(pl.col("alarm").is_not_null())
-        .then(pl.lit("alarms"))
-        .otherwise(pl.lit("entries about the device"))
-    )
-    if frame["changed"].is_not_null().any():
-        count = int(frame["changed"].is_not_null().sum())
-        notes.append(f"The clock of the device was set {count} times; times are as it showed them.")
-    result = extract_frame(
-        frame,
-        times,
-        spoilt,
-        glucose=pl.col("glucose"),
-        carbs=pl.coalesce("carbs", meal),
-        bolus=pl.col("bolus"),
-        device=pl.col("device"),
-        kind=kind,
-    )
-    events, unreadable = _basal_events(frame, result)
-    if unreadable:
-        notes.append(f"{unreadable} entries of basal rates hold no number.")
-    unit = next(iter(units), None)
-    tables = tuple(note for _, table in sections for note in table.notes)
-    return Extract(frame=with_basal(result, basal_rates(events)), glucose_unit=unit, notes=(*tables, *notes))
+        spoilt = pl.concat([table.spoilt for _, table in sections])
+        frame = frame.with_columns(pl.when(pl.lit(spoilt).is_null()).then(name) for name in _COLUMNS)
+        times, notes = times_of(frame.select(pl.concat_str("date", "clock", separator=" ")).to_series(), answers)
+        meal = pl.col("marker").str.extract(r"(?i)^Meal: *([0-9.,]+) *g")
+        known = pl.col("marker").str.extract(r"(?i)^(Insulin|Meal|Exercise|BG)\b").str.to_lowercase()
+        words = {
+            "insulin": "event markers of insulin of an unknown kind",
+            "meal": "event markers of meals without grams",
+        }
+        kind = (
+            pl.when(pl.col("meter").is_not_null())
+            .then(pl.lit("finger pricks"))
+            .when(pl.col("selected").is_not_null())
+            .then(pl.lit("boluses as they were selected, before their delivery"))
+            .when(pl.col("exchanges").is_not_null())
+            .then(pl.lit("meals in exchanges, not in grams"))
+            .when(pl.col("marker").is_not_null())
+            .then(known.replace_strict(words, default="other event markers", return_dtype=pl.String))
+            .when(pl.col("alarm").is_not_null())
+            .then(pl.lit("alarms"))
+            .otherwise(pl.lit("entries about the device"))
+        )
+        if frame["changed"].is_not_null().any():
+            count = int(frame["changed"].is_not_null().sum())
+            notes.append(f"The clock of the device was set {count} times; times are as it showed them.")
+        result = extract_frame(
+            frame,
+            times,
+            spoilt,
+            glucose=pl.col("glucose"),
+            carbs=pl.coalesce("carbs", meal),
+            bolus=pl.col("bolus"),
+            device=pl.col("device"),
+            kind=kind,
+        )
+        events, unreadable = _basal_events(frame, result)
+        if unreadable:
+            notes.append(f"{unreadable} entries of basal rates hold no number.")
+        unit = next(iter(units), None)
+        tables = tuple(note for _, table in sections for note in table.notes)
+        return Extract(frame=with_basal(result, basal_rates(events)), glucose_unit=unit, notes=(*tables, *notes))
 
 
 def _sections(text: str, delimiter: str) -> list[tuple[str, CellTable]]:

@@ -20,6 +20,7 @@ from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, cells, extract_frame, finite, with_basal
 from glucoloop.records.file_text import FileText
 from glucoloop.records.nightscout_profile import SWITCH, profiles_of, usual_rates
+from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import TIME, from_utc, times_of
 
 _LOW_CODE, _HIGH_CODE = 39, 401
@@ -27,76 +28,79 @@ _KINDS: Final = {"mbg": "finger pricks", "cal": "calibrations"}
 _TEMPORARY: Final = "Temp Basal"
 
 
-def recognised(content: FileText) -> bool:
-    """Whether a file is a list of entries, treatments or profiles."""
-    items = content.json
-    if not isinstance(items, list):
-        return False
-    if profiles_of(content):
-        return True
-    first = [item for item in items[:50] if isinstance(item, dict)]
-    return any("sgv" in item or "mbg" in item or ("eventType" in item and "created_at" in item) for item in first)
+class Nightscout(ReaderComponent, name="nightscout"):
+    """JSON of entries or treatments of Nightscout, and of its profiles beside them."""
 
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file is a list of entries, treatments or profiles."""
+        items = content.json
+        if not isinstance(items, list):
+            return False
+        if profiles_of(content):
+            return True
+        first = [item for item in items[:50] if isinstance(item, dict)]
+        return any("sgv" in item or "mbg" in item or ("eventType" in item and "created_at" in item) for item in first)
 
-def with_zone(content: FileText, answers: Answers) -> Answers | None:
-    """Answers with the profiles that a file holds; None for a file of entries or treatments."""
-    profiles = profiles_of(content)
-    return replace(answers, basal_profiles=(*answers.basal_profiles, *profiles)) if profiles else None
+    def with_profiles(self, content: FileText, answers: Answers) -> Answers | None:
+        """Answers with the profiles that a file holds; None for a file of entries or treatments."""
+        profiles = profiles_of(content)
+        return replace(answers, basal_profiles=(*answers.basal_profiles, *profiles)) if profiles else None
 
-
-def rows(content: FileText, answers: Answers) -> Extract:
-    """Rows of entries or treatments."""
-    items = [item if isinstance(item, dict) else {} for item in content.objects()]
-    instants, offsets, notes = _instants(items, answers)
-    times, more = from_utc(instants, offsets, answers)
-    source = pl.DataFrame(
-        {
-            "sgv": cells(item.get("sgv") if item.get("type", "sgv") == "sgv" else None for item in items),
-            "type": cells(item.get("type") for item in items),
-            "event": cells(item.get("eventType") for item in items),
-            "insulin": cells(item.get("insulin") for item in items),
-            "grams": cells(item.get("carbs") for item in items),
-            "source": cells(item.get("device", item.get("enteredBy")) for item in items),
-        }
-    )
-    code = pl.col("sgv").cast(pl.Float64, strict=False)
-    kind = (
-        pl.when(pl.col("event") == _TEMPORARY)
-        .then(pl.lit("temporary basal rates without a rate and a duration"))
-        .when(pl.col("event").is_not_null())
-        .then(pl.lit("treatments without carbohydrate or insulin"))
-        .when(pl.col("type").is_not_null() & (pl.col("type") != "sgv"))
-        .then(pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String))
-    )
-    result = extract_frame(
-        source,
-        times,
-        glucose=pl.col("sgv"),
-        carbs=pl.col("grams"),
-        bolus=pl.col("insulin"),
-        out_of_range=pl.when(code == _LOW_CODE).then(pl.lit("low")).when(code == _HIGH_CODE).then(pl.lit("high")),
-        device=pl.when(pl.col("sgv").is_not_null()).then(pl.lit(device_kinds(source["source"], "other"))),
-        kind=kind,
-    )
-    for mark, number in (("low", _LOW_CODE), ("high", _HIGH_CODE)):
-        count = result.filter(pl.col("out_of_range") == mark).height
-        if count:
-            more.append(f"{count} readings of {number} stand for {mark}.")
-    spread = sum(item.get("eventType") == "Combo Bolus" for item in items)
-    if spread:
-        more.append(f"{spread} combo boluses count with the insulin that they name, at their beginning.")
-    places = result["time"].to_list()
-    usual = _usual_events(items, instants.to_list(), places, answers)
-    rates = basal_rates([*usual, *_basal_events(items, places)])
-    unknown = sum(math.isnan(rate) for _, _, rate in rates)
-    if unknown:
-        more.append(
-            f"The basal rate is not known from {unknown} times on: a temporary one ends or is a percentage, and the "
-            "usual one is not in the file; a file of profiles of Nightscout beside it tells that."
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of entries or treatments."""
+        items = [item if isinstance(item, dict) else {} for item in content.objects()]
+        instants, offsets, notes = _instants(items, answers)
+        times, more = from_utc(instants, offsets, answers)
+        source = pl.DataFrame(
+            {
+                "sgv": cells(item.get("sgv") if item.get("type", "sgv") == "sgv" else None for item in items),
+                "type": cells(item.get("type") for item in items),
+                "event": cells(item.get("eventType") for item in items),
+                "insulin": cells(item.get("insulin") for item in items),
+                "grams": cells(item.get("carbs") for item in items),
+                "source": cells(item.get("device", item.get("enteredBy")) for item in items),
+            }
         )
-    if usual:
-        more.append(f"The usual basal rate is that of the profiles of Nightscout; it changes {len(usual) - 1} times.")
-    return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=(*notes, *more))
+        code = pl.col("sgv").cast(pl.Float64, strict=False)
+        kind = (
+            pl.when(pl.col("event") == _TEMPORARY)
+            .then(pl.lit("temporary basal rates without a rate and a duration"))
+            .when(pl.col("event").is_not_null())
+            .then(pl.lit("treatments without carbohydrate or insulin"))
+            .when(pl.col("type").is_not_null() & (pl.col("type") != "sgv"))
+            .then(pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String))
+        )
+        result = extract_frame(
+            source,
+            times,
+            glucose=pl.col("sgv"),
+            carbs=pl.col("grams"),
+            bolus=pl.col("insulin"),
+            out_of_range=pl.when(code == _LOW_CODE).then(pl.lit("low")).when(code == _HIGH_CODE).then(pl.lit("high")),
+            device=pl.when(pl.col("sgv").is_not_null()).then(pl.lit(device_kinds(source["source"], "other"))),
+            kind=kind,
+        )
+        for mark, number in (("low", _LOW_CODE), ("high", _HIGH_CODE)):
+            count = result.filter(pl.col("out_of_range") == mark).height
+            if count:
+                more.append(f"{count} readings of {number} stand for {mark}.")
+        spread = sum(item.get("eventType") == "Combo Bolus" for item in items)
+        if spread:
+            more.append(f"{spread} combo boluses count with the insulin that they name, at their beginning.")
+        places = result["time"].to_list()
+        usual = _usual_events(items, instants.to_list(), places, answers)
+        rates = basal_rates([*usual, *_basal_events(items, places)])
+        unknown = sum(math.isnan(rate) for _, _, rate in rates)
+        if unknown:
+            more.append(
+                f"The basal rate is not known from {unknown} times on: a temporary one ends or is a percentage, and "
+                "the usual one is not in the file; a file of profiles of Nightscout beside it tells that."
+            )
+        if usual:
+            more.append(
+                f"The usual basal rate is that of the profiles of Nightscout; it changes {len(usual) - 1} times."
+            )
+        return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=(*notes, *more))
 
 
 def _instants(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.Series, pl.Series, list[str]]:

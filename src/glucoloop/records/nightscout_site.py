@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
-from glucoloop.records import nightscout
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, json_of
+from glucoloop.records.nightscout import Nightscout
 from glucoloop.records.nightscout_profile import profiles_of, zone_of
 from glucoloop.records.record import DeviceRecord
 from glucoloop.records.tidy import Account, record_of, settled
@@ -79,7 +79,7 @@ def read_nightscout(
     for items in (entries, treatments):
         if items:
             content = FileText(json.dumps(items))
-            frames.append(settled(nightscout.rows(content, answers), answers, account))
+            frames.append(settled(Nightscout().rows(content, answers), answers, account))
     if not frames:
         raise Refusal(f"{site.name} has no entries and no treatments in these {days} days; ask for more days")
     if zone and not time_zone:

@@ -16,6 +16,7 @@ from glucoloop.records.answers import DAY_FIRST, Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.extract import Extract, cells, extract_frame, with_basal
 from glucoloop.records.file_text import FileText, xml_of
+from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.units import S_PER_MIN
 
@@ -33,45 +34,49 @@ _KINDS: Final = {
 _SPREAD: Final = ("square", "dual")
 
 
-def recognised(content: FileText) -> bool:
-    """Whether a file is XML with the lists of the data set."""
-    return content.text.lstrip().startswith("<") and "<glucose_level" in content.text
+class OhioT1DM(ReaderComponent, name="ohio-t1dm"):
+    """XML of the data set OhioT1DM."""
 
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file is XML with the lists of the data set."""
+        return content.text.lstrip().startswith("<") and "<glucose_level" in content.text
 
-def rows(content: FileText, answers: Answers) -> Extract:
-    """Rows of all lists of events."""
-    root = xml_of(content.text)
-    events: list[tuple[str, dict[str, str]]] = [
-        (child.tag, event.attrib) for child in root for event in child if event.tag == "event"
-    ]
-    begun = cells(about.get("ts_begin", about.get("ts", about.get("tbegin"))) for _, about in events)
-    times, notes = times_of(begun, answers, usual=DAY_FIRST)
-    ends, _ = times_of(cells(about.get("ts_end") for _, about in events), answers, usual=DAY_FIRST)
-    source = pl.DataFrame(
-        {
-            "tag": cells(tag for tag, _ in events),
-            "value": _of(events, "glucose_level", "value"),
-            "dose": _of(events, "bolus", "dose"),
-            "grams": _of(events, "meal", "carbs"),
-        }
-    )
-    result = extract_frame(
-        source,
-        times,
-        glucose=pl.col("value"),
-        carbs=pl.col("grams"),
-        bolus=pl.col("dose"),
-        device=pl.when(pl.col("tag") == "glucose_level").then(pl.lit("Medtronic")),
-        kind=pl.col("tag").replace_strict(_KINDS, default="events of other kinds", return_dtype=pl.String),
-    )
-    spread = sum(any(word in about.get("type", "") for word in _SPREAD) for tag, about in events if tag == "bolus")
-    if spread:
-        notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
-    counted = sum(_number(about.get("bwz_carb_input")) not in (None, 0.0) for tag, about in events if tag == "bolus")
-    if counted:
-        notes.append(f"{counted} boluses name carbohydrate too; it was not used, for the meals have it.")
-    rates = basal_rates(_basal_events(events, times["time"].to_list(), ends["time"].to_list()))
-    return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=tuple(notes))
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of all lists of events."""
+        root = xml_of(content.text)
+        events: list[tuple[str, dict[str, str]]] = [
+            (child.tag, event.attrib) for child in root for event in child if event.tag == "event"
+        ]
+        begun = cells(about.get("ts_begin", about.get("ts", about.get("tbegin"))) for _, about in events)
+        times, notes = times_of(begun, answers, usual=DAY_FIRST)
+        ends, _ = times_of(cells(about.get("ts_end") for _, about in events), answers, usual=DAY_FIRST)
+        source = pl.DataFrame(
+            {
+                "tag": cells(tag for tag, _ in events),
+                "value": _of(events, "glucose_level", "value"),
+                "dose": _of(events, "bolus", "dose"),
+                "grams": _of(events, "meal", "carbs"),
+            }
+        )
+        result = extract_frame(
+            source,
+            times,
+            glucose=pl.col("value"),
+            carbs=pl.col("grams"),
+            bolus=pl.col("dose"),
+            device=pl.when(pl.col("tag") == "glucose_level").then(pl.lit("Medtronic")),
+            kind=pl.col("tag").replace_strict(_KINDS, default="events of other kinds", return_dtype=pl.String),
+        )
+        spread = sum(any(word in about.get("type", "") for word in _SPREAD) for tag, about in events if tag == "bolus")
+        if spread:
+            notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
+        counted = sum(
+            _number(about.get("bwz_carb_input")) not in (None, 0.0) for tag, about in events if tag == "bolus"
+        )
+        if counted:
+            notes.append(f"{counted} boluses name carbohydrate too; it was not used, for the meals have it.")
+        rates = basal_rates(_basal_events(events, times["time"].to_list(), ends["time"].to_list()))
+        return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=tuple(notes))
 
 
 def _of(events: list[tuple[str, dict[str, str]]], tag: str, key: str) -> pl.Series:

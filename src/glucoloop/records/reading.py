@@ -11,7 +11,8 @@ import polars as pl
 from glucoloop.component.setting import choices_text
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, content_of, read_bytes
-from glucoloop.records.readers import READERS, ReaderComponent
+from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.readers import READERS
 from glucoloop.records.record import PARQUET, DeviceRecord, FileRefusal, record_from_parquet
 from glucoloop.records.tidy import Account, record_of, settled
 from glucoloop.refusal import Refusal
@@ -30,21 +31,21 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
                     raise Refusal("it is a record that was read before; read it alone, or the first files together")
                 return record_from_parquet(data)
             content = content_of(data)
-            part = chosen or _reader_of(content, answers)
-            with_zone = part.with_zone(content, answers)
-            if with_zone is None:
-                result.append((number, path, content, part))
+            own = chosen or _reader_of(content, answers)
+            with_profiles = own.with_profiles(content, answers)
+            if with_profiles is None:
+                result.append((number, path, content, own))
             elif len(paths) == 1:
                 raise Refusal(
                     "it has no readings, meals or insulin, only what helps to read other files; give those too"
                 )
             else:
-                answers = with_zone
-    for number, path, content, part in result:
+                answers = with_profiles
+    for number, path, content, own in result:
         before = len(account.notes)
         with _refusing(path):
             account.notes += content.notes
-            frames.append(settled(part.rows(content, answers), answers, account))
+            frames.append(settled(own.rows(content, answers), answers, account))
         if len(paths) > 1:
             account.notes[before:] = [f"File {number}: {note}" for note in account.notes[before:]]
     try:

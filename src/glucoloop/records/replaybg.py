@@ -9,6 +9,7 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
+from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.simulated import amounts, sample_min
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
@@ -17,33 +18,35 @@ from glucoloop.units import MIN_PER_H
 _HEADER: Final = ("t", "glucose", "cho", "bolus", "basal")
 
 
-def recognised(content: FileText) -> bool:
-    """Whether a file has the header of ReplayBG."""
-    return content.header(*_HEADER, whole=True) is not None
+class ReplayBG(ReaderComponent, name="replaybg"):
+    """CSV of data of ReplayBG."""
 
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file has the header of ReplayBG."""
+        return content.header(*_HEADER, whole=True) is not None
 
-def rows(content: FileText, answers: Answers) -> Extract:
-    """Rows of a table of ReplayBG."""
-    place = content.header(*_HEADER, whole=True)
-    if place is None:
-        raise Refusal("it has no header of ReplayBG, t, glucose, cho, bolus and basal; write it again")
-    table = content.table(place)
-    names = {name.casefold(): name for name in table.frame.columns}
-    frame = table.frame.select(**{name: table.texts(names[name]) for name in _HEADER})
-    times, notes = times_of(frame["t"], answers)
-    minutes = sample_min(times["time"])
-    notes.append(f"Carbohydrate and boluses per min were made amounts of samples of {minutes:g} min.")
-    return Extract(
-        frame=extract_frame(
-            frame,
-            times,
-            table.spoilt,
-            glucose=pl.col("glucose"),
-            carbs=amounts("cho", minutes),
-            bolus=amounts("bolus", minutes),
-            basal=amounts("basal", MIN_PER_H),
-            kind=pl.lit("samples without a reading"),
-        ),
-        glucose_unit="mg/dl",
-        notes=(*table.notes, *notes),
-    )
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of a table of ReplayBG."""
+        place = content.header(*_HEADER, whole=True)
+        if place is None:
+            raise Refusal("it has no header of ReplayBG, t, glucose, cho, bolus and basal; write it again")
+        table = content.table(place)
+        names = {name.casefold(): name for name in table.frame.columns}
+        frame = table.frame.select(**{name: table.texts(names[name]) for name in _HEADER})
+        times, notes = times_of(frame["t"], answers)
+        minutes = sample_min(times["time"])
+        notes.append(f"Carbohydrate and boluses per min were made amounts of samples of {minutes:g} min.")
+        return Extract(
+            frame=extract_frame(
+                frame,
+                times,
+                table.spoilt,
+                glucose=pl.col("glucose"),
+                carbs=amounts("cho", minutes),
+                bolus=amounts("bolus", minutes),
+                basal=amounts("basal", MIN_PER_H),
+                kind=pl.lit("samples without a reading"),
+            ),
+            glucose_unit="mg/dl",
+            notes=(*table.notes, *notes),
+        )

@@ -9,6 +9,7 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
+from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.simulated import amounts, sample_min
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
@@ -17,35 +18,37 @@ from glucoloop.units import MIN_PER_H
 _HEADER: Final = ("Time", "BG", "CGM", "CHO", "insulin")
 
 
-def recognised(content: FileText) -> bool:
-    """Whether a file has the header of simglucose."""
-    return content.header(*_HEADER, whole=True) is not None
+class Simglucose(ReaderComponent, name="simglucose"):
+    """CSV of results of the simulator simglucose."""
 
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file has the header of simglucose."""
+        return content.header(*_HEADER, whole=True) is not None
 
-def rows(content: FileText, answers: Answers) -> Extract:
-    """Rows of a table of simglucose."""
-    place = content.header(*_HEADER, whole=True)
-    if place is None:
-        raise Refusal("it has no header of simglucose, Time, BG, CGM, CHO and insulin; write it again")
-    table = content.table(place)
-    frame = table.frame.select(**{name: table.texts(table.column(name)) for name in _HEADER})
-    times, notes = times_of(frame["Time"], answers)
-    minutes = sample_min(times["time"])
-    notes += [
-        f"Carbohydrate per min was made amounts of samples of {minutes:g} min.",
-        "Basal rate and boluses are one rate in the file, which stands as the basal rate of each sample.",
-    ]
-    return Extract(
-        frame=extract_frame(
-            frame,
-            times,
-            table.spoilt,
-            glucose=pl.col("CGM"),
-            carbs=amounts("CHO", minutes),
-            basal=amounts("insulin", MIN_PER_H),
-            device=pl.lit("simulated"),
-            kind=pl.lit("samples without a reading"),
-        ),
-        glucose_unit="mg/dl",
-        notes=(*table.notes, *notes),
-    )
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of a table of simglucose."""
+        place = content.header(*_HEADER, whole=True)
+        if place is None:
+            raise Refusal("it has no header of simglucose, Time, BG, CGM, CHO and insulin; write it again")
+        table = content.table(place)
+        frame = table.frame.select(**{name: table.texts(table.column(name)) for name in _HEADER})
+        times, notes = times_of(frame["Time"], answers)
+        minutes = sample_min(times["time"])
+        notes += [
+            f"Carbohydrate per min was made amounts of samples of {minutes:g} min.",
+            "Basal rate and boluses are one rate in the file, which stands as the basal rate of each sample.",
+        ]
+        return Extract(
+            frame=extract_frame(
+                frame,
+                times,
+                table.spoilt,
+                glucose=pl.col("CGM"),
+                carbs=amounts("CHO", minutes),
+                basal=amounts("insulin", MIN_PER_H),
+                device=pl.lit("simulated"),
+                kind=pl.lit("samples without a reading"),
+            ),
+            glucose_unit="mg/dl",
+            notes=(*table.notes, *notes),
+        )

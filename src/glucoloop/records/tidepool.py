@@ -16,6 +16,7 @@ from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, cells, extract_frame, finite, with_basal
 from glucoloop.records.file_text import FileText
+from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import TIME, from_utc, times_of
 from glucoloop.units import MG_DL_PER_MMOL_L, S_PER_MIN
 
@@ -32,48 +33,50 @@ _KINDS: Final = {
 _MS_PER_MIN: Final = 1000.0 * S_PER_MIN
 
 
-def recognised(content: FileText) -> bool:
-    """Whether a file is a list of data of Tidepool."""
-    items = content.json
-    if not isinstance(items, list):
-        return False
-    first = [item for item in items[:50] if isinstance(item, dict)]
-    return any(item.get("type") in _TYPES and "time" in item and "sgv" not in item for item in first)
+class Tidepool(ReaderComponent, name="tidepool"):
+    """JSON that Tidepool exports."""
 
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file is a list of data of Tidepool."""
+        items = content.json
+        if not isinstance(items, list):
+            return False
+        first = [item for item in items[:50] if isinstance(item, dict)]
+        return any(item.get("type") in _TYPES and "time" in item and "sgv" not in item for item in first)
 
-def rows(content: FileText, answers: Answers) -> Extract:
-    """Rows of an export of Tidepool."""
-    items = [item if isinstance(item, dict) else {} for item in content.objects()]
-    times, notes = _times(items, answers)
-    source = pl.DataFrame(
-        {
-            "type": cells(item.get("type") for item in items),
-            "value": cells(_glucose(item) if item.get("type") == "cbg" else None for item in items),
-            "dose": cells(_dose(item) if item.get("type") == "bolus" else None for item in items),
-            "grams": cells(_grams(item) for item in items),
-            "mark": cells(_mark(item) if item.get("type") == "cbg" else None for item in items),
-            "source": cells(item.get("deviceModel") or item.get("deviceId") for item in items),
-        }
-    )
-    result = extract_frame(
-        source,
-        times,
-        glucose=pl.col("value"),
-        carbs=pl.col("grams"),
-        bolus=pl.col("dose"),
-        out_of_range=pl.when(pl.col("mark").is_in(("low", "high"))).then("mark"),
-        device=pl.lit(device_kinds(source["source"], "other")),
-        kind=pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String),
-    )
-    for mark in ("low", "high"):
-        count = result.filter(pl.col("out_of_range") == mark).height
-        if count:
-            notes.append(f"{count} readings are marked as {mark}er than the sensor can read.")
-    spread = sum(item.get("type") == "bolus" and bool(finite(item.get("extended"))) for item in items)
-    if spread:
-        notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
-    events = _basal_events(items, result["time"].to_list())
-    return Extract(frame=with_basal(result, basal_rates(events)), glucose_unit="mg/dl", notes=tuple(notes))
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of an export of Tidepool."""
+        items = [item if isinstance(item, dict) else {} for item in content.objects()]
+        times, notes = _times(items, answers)
+        source = pl.DataFrame(
+            {
+                "type": cells(item.get("type") for item in items),
+                "value": cells(_glucose(item) if item.get("type") == "cbg" else None for item in items),
+                "dose": cells(_dose(item) if item.get("type") == "bolus" else None for item in items),
+                "grams": cells(_grams(item) for item in items),
+                "mark": cells(_mark(item) if item.get("type") == "cbg" else None for item in items),
+                "source": cells(item.get("deviceModel") or item.get("deviceId") for item in items),
+            }
+        )
+        result = extract_frame(
+            source,
+            times,
+            glucose=pl.col("value"),
+            carbs=pl.col("grams"),
+            bolus=pl.col("dose"),
+            out_of_range=pl.when(pl.col("mark").is_in(("low", "high"))).then("mark"),
+            device=pl.lit(device_kinds(source["source"], "other")),
+            kind=pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String),
+        )
+        for mark in ("low", "high"):
+            count = result.filter(pl.col("out_of_range") == mark).height
+            if count:
+                notes.append(f"{count} readings are marked as {mark}er than the sensor can read.")
+        spread = sum(item.get("type") == "bolus" and bool(finite(item.get("extended"))) for item in items)
+        if spread:
+            notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
+        events = _basal_events(items, result["time"].to_list())
+        return Extract(frame=with_basal(result, basal_rates(events)), glucose_unit="mg/dl", notes=tuple(notes))
 
 
 def _times(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.DataFrame, list[str]]:

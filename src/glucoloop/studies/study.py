@@ -8,11 +8,12 @@ To add a study
    command is there.
 2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. What they are given (``config``) is
    that class, complete and checked. Loops of people are closed by `trials.engine.loop_of`.
-3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
+3. ``page.html`` beside it, if it has a page, extends ``reporting/templates/base.html``; `reporting.template.render`
+   fills it.
 
 Every module has ``tables(config, results)``, which makes tables for the terminal, as by
-`report.columns.terminal_table`, of which ``tables.tex`` is made; where the study keeps files, also ``files_of(config,
-results)``: pages and figures by the names of their files. It may have
+`reporting.columns.terminal_table`, of which ``tables.tex`` is made; where the study keeps files, also
+``files_of(config, results)``: pages and figures by the names of their files. It may have
 
 - ``notes(config)``: sentences on what is possible and hardly meant, before the work begins.
 - ``sentences(config, results)``: conclusions, for the terminal and the page.
@@ -34,9 +35,9 @@ By its kind it has
 What was found is a `storage.results.Results`: plain values, which are the summary and the JSON, and tables by the
 names of their files. ``notes`` among the plain values are sentences that JSON tells on standard error too. A finished
 folder gives the plain values back, so `tables` and `sentences` of a study that resumes use nothing else; figures may
-also use ``extra``, which is not kept. A number of a cell is declared once, as a `report.columns.Column`: ``measured``
-computes it from people, and files, JSON, terminal and page follow. ``report/heat.py`` draws heat maps, and
-``report/templates/parts.html`` has macros for tables of columns, maps, faults, facts and how to repeat a study.
+also use ``extra``, which is not kept. A number of a cell is declared once, as a `reporting.columns.Column`:
+``measured`` computes it from people, and files, JSON, terminal and page follow. ``reporting/heat.py`` draws heat maps,
+and ``reporting/templates/parts.html`` has macros for tables of columns, maps, faults, facts and how to repeat a study.
 """
 
 from __future__ import annotations

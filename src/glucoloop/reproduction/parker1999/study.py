@@ -15,11 +15,11 @@ import numpy as np
 import glucoloop
 from glucoloop.patients import OPERATING_POINTS
 from glucoloop.refusal import Refusal
-from glucoloop.report import plot, plot_identification, plot_validation
-from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.sse_surface import plot_surface
-from glucoloop.report.template import render
+from glucoloop.reporting import plot, plot_identification, plot_validation
+from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_table
+from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.sse_surface import plot_surface
+from glucoloop.reporting.template import render
 from glucoloop.reproduction.parker1999 import Reproduction
 from glucoloop.reproduction.parker1999.comparison import (
     INTERPRETATIONS,

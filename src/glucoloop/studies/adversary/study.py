@@ -12,11 +12,11 @@ import polars as pl
 from glucoloop.build.designs import controller_of
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.refusal import Refusal
-from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
-from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
-from glucoloop.report.descriptions import engine_facts
-from glucoloop.report.print_figure import figure_files
+from glucoloop.reporting import _style
+from glucoloop.reporting._style import FONT_PT, GREY, OKABE_ITO
+from glucoloop.reporting.columns import Column, FittingTable, decimals, terminal_table, whole
+from glucoloop.reporting.descriptions import engine_facts
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.sensors import whole_samples
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.run import intravenous_boluses

@@ -15,11 +15,11 @@ from glucoloop.meals import Meal
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.report import _style
-from glucoloop.report.charts import extent
-from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
-from glucoloop.report.periods import validity_sentence
-from glucoloop.report.print_figure import figure_files
+from glucoloop.reporting import _style
+from glucoloop.reporting.charts import extent
+from glucoloop.reporting.columns import Column, FittingTable, decimals, terminal_table
+from glucoloop.reporting.periods import validity_sentence
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.situations.run import Run
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound import BoundRequest

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY
-from glucoloop.report.columns import (
+from glucoloop.reporting import _style
+from glucoloop.reporting._style import FONT_PT, GREY
+from glucoloop.reporting.columns import (
     Column,
     FittingTable,
     Line,
@@ -21,8 +21,8 @@ from glucoloop.report.columns import (
     terminal_table,
     whole,
 )
-from glucoloop.report.descriptions import engine_facts
-from glucoloop.report.print_figure import figure_files
+from glucoloop.reporting.descriptions import engine_facts
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.storage.results import Results
 from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.evaluate import ENGINE, JUDGED_AFTER_MIN, QUANTILES, Scores, evaluate

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import polars as pl
 from scipy import stats
 
-from glucoloop.report.columns import Column, Row, decimals, measured, terse_percent, whole
+from glucoloop.reporting.columns import Column, Row, decimals, measured, terse_percent, whole
 from glucoloop.text import glucose_text
 
 Array = npt.NDArray[np.float64]

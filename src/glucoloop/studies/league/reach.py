@@ -22,7 +22,7 @@ from glucoloop.metrics.readings import Readings
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.patients.population import of_people
 from glucoloop.patients.protocol import Patient
-from glucoloop.report.columns import Column, Row, decimals, terse_percent, whole
+from glucoloop.reporting.columns import Column, Row, decimals, terse_percent, whole
 from glucoloop.studies.league.numbers import ALL, LINE, METRICS, difference, factors, signed
 from glucoloop.text import how_many
 from glucoloop.trials.engine import person_of

@@ -7,11 +7,11 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.report import Repeat
-from glucoloop.report.columns import Column, FittingTable, Row, headings, terminal_table
-from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.template import render
+from glucoloop.reporting import Repeat
+from glucoloop.reporting.columns import Column, FittingTable, Row, headings, terminal_table
+from glucoloop.reporting.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
+from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.template import render
 from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach, texts
 from glucoloop.studies.league.numbers import ALL, COLUMNS, signed
@@ -20,7 +20,7 @@ from glucoloop.text import NOT_AVAILABLE, how_many
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from glucoloop.report._style import Width
+    from glucoloop.reporting._style import Width
 
 
 def columns_of(config: League) -> tuple[Column, ...]:

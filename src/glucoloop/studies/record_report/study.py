@@ -16,10 +16,10 @@ from glucoloop.metrics.readings.profile import by_day
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.records import FileRefusal
 from glucoloop.refusal import Refusal
-from glucoloop.report.columns import FittingTable, lines_table
-from glucoloop.report.record_goals import GOALS, Goals
-from glucoloop.report.record_groups import Reported, ReportedGroup, ReportedRecord, groups_of, warnings
-from glucoloop.report.record_page import MAX_IN_FULL, SHORT_NUMBERS, number_columns, number_rows, record_page
+from glucoloop.reporting.columns import FittingTable, lines_table
+from glucoloop.reporting.record_goals import GOALS, Goals
+from glucoloop.reporting.record_groups import Reported, ReportedGroup, ReportedRecord, groups_of, warnings
+from glucoloop.reporting.record_page import MAX_IN_FULL, SHORT_NUMBERS, number_columns, number_rows, record_page
 from glucoloop.storage.results import Results
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
 from glucoloop.studies.record_report.sources import NamedReadings, read, sources_of
@@ -160,8 +160,8 @@ def _rows_table(head: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> A
 
 def files_of(config: RecordRequest, results: Results) -> dict[str, bytes]:
     """The page, and the figure."""
-    from glucoloop.report.print_figure import figure_files
-    from glucoloop.report.record_figure import plot_records
+    from glucoloop.reporting.print_figure import figure_files
+    from glucoloop.reporting.record_figure import plot_records
 
     records, goals = results.extra.records, GOALS[config.goals]
     why = [f"{one['label']}: {one['why']}." for one in results.plain["not_read"][:_MAX_REASONS]]

@@ -23,10 +23,10 @@ from glucoloop.metrics import RunningMetrics
 from glucoloop.patients.capabilities import sites
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal
-from glucoloop.report.columns import Column, FittingTable, terminal_table
-from glucoloop.report.days_figure import DayTraces, days_plot, plot_days
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.template import render
+from glucoloop.reporting.columns import Column, FittingTable, terminal_table
+from glucoloop.reporting.days_figure import DayTraces, days_plot, plot_days
+from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.template import render
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.plant import SampleGrid

@@ -16,8 +16,8 @@ import polars as pl
 
 from glucoloop.component.setting import known_names
 from glucoloop.refusal import Refusal
-from glucoloop.report.columns import Column, decimals
-from glucoloop.report.descriptions import engine_facts
+from glucoloop.reporting.columns import Column, decimals
+from glucoloop.reporting.descriptions import engine_facts
 from glucoloop.situations.case import Case
 from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows

@@ -12,10 +12,10 @@ import polars as pl
 from glucoloop.component.setting import known_names
 from glucoloop.control.catalogue import SEARCHED
 from glucoloop.refusal import Refusal
-from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY
-from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
-from glucoloop.report.print_figure import figure_files
+from glucoloop.reporting import _style
+from glucoloop.reporting._style import FONT_PT, GREY
+from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_table
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text

@@ -14,9 +14,9 @@ from glucoloop.bounds import OptimalDoses, distance_to_bound
 from glucoloop.bounds.optimal_doses import check_samples
 from glucoloop.models.settings import FileComponent
 from glucoloop.refusal import Refusal
-from glucoloop.report import Repeat, comparison_table, interactive_page, metrics_table, plot
-from glucoloop.report.descriptions import comparison_facts, run_facts
-from glucoloop.report.print_figure import figure_files
+from glucoloop.reporting import Repeat, comparison_table, interactive_page, metrics_table, plot
+from glucoloop.reporting.descriptions import comparison_facts, run_facts
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.simulation import Trace
 from glucoloop.situations.run import Run
 from glucoloop.storage import tables as stored

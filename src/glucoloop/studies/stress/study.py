@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 
 from glucoloop.faults import FAULTS
-from glucoloop.report import Repeat
-from glucoloop.report.columns import (
+from glucoloop.reporting import Repeat
+from glucoloop.reporting.columns import (
     Column,
     FittingTable,
     Row,
@@ -24,10 +24,10 @@ from glucoloop.report.columns import (
     whole,
     whole_glucose,
 )
-from glucoloop.report.descriptions import controllers_facts, engine_facts, short_names, trial_facts
-from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.template import render
+from glucoloop.reporting.descriptions import controllers_facts, engine_facts, short_names, trial_facts
+from glucoloop.reporting.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
+from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.template import render
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
@@ -43,7 +43,7 @@ from glucoloop.trials.trial import Trial
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from glucoloop.report._style import Width
+    from glucoloop.reporting._style import Width
 
 
 NO_FAULT: Final = ""

@@ -10,19 +10,21 @@ import polars as pl
 
 from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
-from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
-from glucoloop.report.descriptions import (
+from glucoloop.reporting import Repeat
+from glucoloop.reporting.columns import MetricRow, in_other_unit, lines_table
+from glucoloop.reporting.descriptions import (
     controllers_facts,
     engine_facts,
     engine_notes,
     person_in_words,
     trial_facts,
 )
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.trial_report import ranges_pct
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
+from glucoloop.studies.trial.figure import plot_trial
+from glucoloop.studies.trial.page import trial_page
+from glucoloop.studies.trial.report import CaseReport, MetricDistribution, TrialReport, WorstPerson, ranges_pct
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.trials import engine
 from glucoloop.trials.folder import BANDS, REPORT, TrialFolder

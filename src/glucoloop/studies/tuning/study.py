@@ -15,12 +15,12 @@ from glucoloop.control import MPCTuning
 from glucoloop.models.settings import FileComponent
 from glucoloop.patients.settings import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
-from glucoloop.report import Repeat
-from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
-from glucoloop.report.descriptions import run_facts
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.sse_surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
-from glucoloop.report.template import render
+from glucoloop.reporting import Repeat
+from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_table
+from glucoloop.reporting.descriptions import run_facts
+from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.sse_surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
+from glucoloop.reporting.template import render
 from glucoloop.storage.model_file import ModelFile
 from glucoloop.storage.results import Results
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on

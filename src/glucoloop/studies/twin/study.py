@@ -12,10 +12,10 @@ import tomli_w
 
 from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
-from glucoloop.report.columns import Column, FittingTable, terminal_table
-from glucoloop.report.days_figure import DayTraces, days_plot, plot_days
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.template import render
+from glucoloop.reporting.columns import Column, FittingTable, terminal_table
+from glucoloop.reporting.days_figure import DayTraces, days_plot, plot_days
+from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.template import render
 from glucoloop.situations.population import population_keys
 from glucoloop.storage.results import Results
 from glucoloop.studies.twin import RecordOfPerson, TwinRequest

@@ -11,9 +11,9 @@ from typing import Any, Final
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.metrics.promises import OF_CONTROLLER, PROMISES
 from glucoloop.patients.settings import PATIENTS
-from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
-from glucoloop.report.descriptions import engine_notes
-from glucoloop.report.periods import moment_text
+from glucoloop.reporting.columns import Column, FittingTable, Line, decimals, terminal_table, whole
+from glucoloop.reporting.descriptions import engine_notes
+from glucoloop.reporting.periods import moment_text
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import ControlledSituation, intravenous_boluses
 from glucoloop.storage.results import Results

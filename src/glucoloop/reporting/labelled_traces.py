@@ -1,0 +1,136 @@
+"""Traces prepared for drawing: labelled, of one person each, and of the same scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.control import Status
+from glucoloop.physiology.exercise import Exercise
+from glucoloop.refusal import Refusal
+from glucoloop.reporting.periods import concentrations, stretches, validity_note
+from glucoloop.simulation import Trace
+from glucoloop.units import MU_PER_U
+
+Floats = npt.NDArray[np.float64]
+Pair = tuple[float, float]
+
+STATUS_WORDS: Final = {
+    Status.SATURATED: "Dose at the pump's limits",
+    Status.READING_MISSING: "Reading missing",
+    Status.NOT_CONVERGED: "Optimisation not converged",
+    Status.NON_FINITE: "Computation without a finite number",
+    Status.READING_REJECTED: "Guard: reading not believed",
+    Status.FALLBACK_BASAL: "Guard: at most the basal rate, no reading believed",
+    Status.FALLBACK_REDUCED: "Guard: part of the basal rate, no reading believed",
+    Status.SUSPENDED: "Guard: insulin suspended",
+    Status.DOSE_LIMITED: "Guard: dose cut",
+    Status.RESTARTED: "Guard: controller started anew",
+    Status.NO_FINITE_DOSE: "No finite dose",
+}
+"""Statuses of decisions in words, in the order shown."""
+
+_SAME_MG_DL = 1e-9
+
+
+class Bout(NamedTuple):
+    """Exercise that was simulated, in whole samples."""
+
+    intensity_pct: float
+    t_min: float
+    duration_min: float
+
+
+class PlottedRun:
+    """One trace of one person as NumPy arrays, by a label; Refusal for many people."""
+
+    def __init__(self, label: str, trace: Trace) -> None:
+        self.label = label
+        self.fine_t_min = np.asarray(trace.fine_t_min, float)
+        self.fine_glucose_mg_dl = np.asarray(trace.fine_glucose_mg_dl, float)  # below 0 where the model is not valid
+        if self.fine_glucose_mg_dl.ndim != 1:
+            people = self.fine_glucose_mg_dl.shape[1:]
+            raise Refusal(f"{label!r} is of people of shape {people}; show one person at a time")
+        self.shown_glucose_mg_dl = concentrations(self.fine_glucose_mg_dl)
+        self.setpoint_mg_dl = float(trace.setpoint_mg_dl)
+        self.basal_insulin_mU_min = float(trace.basal_insulin_mU_min)
+        self.lowest_valid_mg_dl = float(trace.lowest_valid_mg_dl)
+        self.validity_note = validity_note(trace)
+        # (samples + 1,) times of the samples and of the horizon, and rates from each on, of which the last is repeated
+        sample_t_min = np.asarray(trace.t_min, float)
+        self.t_min = np.append(sample_t_min, self.fine_t_min[-1])
+        self.insulin_mU_min = _extended_to_the_end(trace.insulin_mU_min)
+        self.command_mU_min = _extended_to_the_end(trace.command_mU_min)  # NaN where the controller gave no number
+        # valid readings, or none if all of them equal the patient's glucose
+        reading = np.asarray(trace.reading_mg_dl, float)
+        valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
+        differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
+        differing = valid & (valid & differs).any()
+        self.reading_t_min, self.reading_mg_dl = sample_t_min[differing], reading[differing]
+        # times in min, with U of insulin or g of carbohydrate
+        self.boluses = _above_zero(self.t_min, trace.bolus_mU, MU_PER_U)
+        self.command_boluses = _above_zero(self.t_min, trace.command_bolus_mU, MU_PER_U)
+        self.meals = _above_zero(self.t_min, trace.carbs_g)
+        self.exercise = _bouts(self.t_min, trace.exercise_pct)
+        # periods without a valid reading, and those of each status of decisions but OK
+        there = {text: np.asarray(trace.status) == kind for kind, text in STATUS_WORDS.items()}
+        there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
+        self.periods = {text: _periods(self.t_min, present) for text, present in there.items() if present.any()}
+
+
+def _extended_to_the_end(rates: npt.ArrayLike) -> Floats:
+    values = np.asarray(rates, float)
+    return np.append(values, values[-1])
+
+
+def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
+    """Runs of a trace, or of several by label; Refusal for none, one of many people, or different meals."""
+    named = {"glucose": traces} if isinstance(traces, Trace) else traces
+    if not named:
+        raise Refusal("there is no trace to show; give at least one")
+    runs = [PlottedRun(str(label), trace) for label, trace in named.items()]
+    for run in runs[1:]:
+        if run.meals != runs[0].meals:
+            raise Refusal(
+                f"{run.label!r} and {runs[0].label!r} have different meals; show runs of one scenario together, "
+                "and others apart"
+            )
+    return runs
+
+
+def _periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> list[Pair]:
+    """Periods in which something is there at samples ``(n,)`` that begin at the times ``(n + 1,)``."""
+    return [(float(t_min[first]), float(t_min[after])) for first, after in stretches(there)]
+
+
+def _above_zero(t_min: Floats, amounts: npt.ArrayLike | None, divisor: float = 1.0) -> list[Pair]:
+    """Times and amounts, where there is any."""
+    some = () if amounts is None else np.asarray(amounts, float) / divisor
+    return [(float(t), float(amount)) for t, amount in zip(t_min, some, strict=False) if amount > 0.0]
+
+
+def _bouts(t_min: Floats, intensity_pct: npt.ArrayLike | None) -> list[Bout]:
+    """Bouts of exercise on the grid of samples ``(n + 1,)``, each with its mean intensity."""
+    intensity = np.zeros(t_min.size - 1) if intensity_pct is None else np.asarray(intensity_pct, float)
+    return [
+        Bout(float(intensity[first:after].mean()), float(t_min[first]), float(t_min[after] - t_min[first]))
+        for first, after in stretches(intensity > 0.0)
+    ]
+
+
+def exercise_in_words(bout: Bout | Exercise) -> str:
+    """A bout without its time, to be written beside it."""
+    return f"{bout.intensity_pct:.3g} % for {bout.duration_min:g} min"
+
+
+def limits_passed(runs: Sequence[PlottedRun]) -> list[float]:
+    """The limits of the patients' models that glucose fell below, each once."""
+    return list(dict.fromkeys(run.lowest_valid_mg_dl for run in runs if run.validity_note is not None))
+
+
+def values_in_words(values: Sequence[float], unit: str) -> str:
+    """Text of the distinct values with their unit."""
+    return " and ".join(dict.fromkeys(f"{value:.4g}" for value in values)) + f" {unit}"

@@ -1,0 +1,137 @@
+"""Content of a page or figure of a trial: plain numbers, counted and summed elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.physiology.exercise import Exercise
+from glucoloop.reporting.template import Repeat
+
+Floats = npt.NDArray[np.float64]
+
+RANGES: Final = {
+    "below 54": ("time_below_54_pct",),
+    "54 to 70": ("time_below_70_pct", "time_below_54_pct"),
+    "70 to 180": ("time_70_180_pct",),
+    "180 to 250": ("time_above_180_pct", "time_above_250_pct"),
+    "above 250": ("time_above_250_pct",),
+}
+"""Ranges of glucose [mg/dl] over which the time is distributed: the metric of each, less the one that it includes."""
+
+
+@dataclass(frozen=True)
+class MetricDistribution:
+    """Distribution of a metric over the people."""
+
+    edges: Floats
+    """(bins + 1,) edges in the metric's own unit; the same for every controller."""
+    counts: npt.NDArray[Any]
+    """(bins,) numbers of people; those beyond the edges are counted in the outermost bins."""
+    p5: float
+    """The metric that 5 % of the people stay below."""
+    median: float
+    p95: float
+
+    @property
+    def people(self) -> int:
+        """Number of people."""
+        return int(np.sum(self.counts))
+
+
+@dataclass(frozen=True)
+class WorstPerson:
+    """One of the people with the worst outcomes, with glucose and insulin."""
+
+    person: int
+    """Number of the person in the population."""
+    minimum_mg_dl: float
+    """Least glucose of the person."""
+    t_min: Floats
+    """(points,) times of the person's glucose."""
+    glucose_mg_dl: Floats
+    """(points,) glucose free of noise."""
+    insulin_t_min: Floats
+    """(samples,) times from which each rate was delivered."""
+    insulin_mU_min: Floats
+    """(samples,) delivered rates."""
+    note: str = ""
+    """Differences of the person from the others, in words."""
+
+
+@dataclass(frozen=True)
+class CaseReport:
+    """Results of one controller."""
+
+    bands_t_min: Floats
+    """(samples + 1,) times of the samples and of the horizon."""
+    glucose_quantiles: Mapping[float, Floats]
+    """(samples + 1,) quantiles of glucose [mg/dl] over the people: 0.01, 0.05, 0.25, 0.5, 0.75, 0.95 and 0.99."""
+    insulin_t_min: Floats
+    """(samples,) times from which each rate was delivered."""
+    insulin_quantiles: Mapping[float, Floats]
+    """(samples,) the same quantiles of delivered insulin [mU/min]."""
+    metric_counts: Mapping[str, MetricDistribution]
+    """Distributions by the name of a metric, in the order shown."""
+    cvga_counts: npt.NDArray[Any]
+    """(60, 60) numbers of people, as `glucoloop.metrics.control_variability.grid_counts` gives them."""
+    time_in_range_pct: Mapping[str, float]
+    """Mean time over the people in each of `RANGES`; see `ranges_pct`."""
+    table: Mapping[tuple[str, str], float | str]
+    """Headline numbers by name and unit, in the order shown."""
+    worst: Sequence[WorstPerson]
+    """People with the worst outcomes, the worst first."""
+    ever_below: Mapping[int, tuple[int, float]] = field(default_factory=dict)
+    """Number of people, and their share in percent, who were ever below a glucose, by that glucose [mg/dl]."""
+    not_finite: int = 0
+    """Number of people whose glucose or insulin did not stay finite; they are in none of the other numbers."""
+    weeks: Sequence[Mapping[str, float]] = ()
+    """Glucose of each week of a long run, all samples of all people together: quantiles p5 to p95, and shares of the
+    time in ranges by the names of the metrics; bands are then of one day, all days together."""
+
+
+@dataclass(frozen=True)
+class TrialReport:
+    """A trial of one or several controllers over one population; each has the same quantiles, metrics and bins."""
+
+    title: str
+    setpoint_mg_dl: float
+    people: int
+    """Number of people asked for."""
+    infeasible: int
+    """Number of people without a basal rate, who are in none of the other numbers."""
+    facts: Mapping[str, str]
+    """Settings of the trial by name: population, seed, days."""
+    cases: Mapping[str, CaseReport]
+    """Results by label, in the order shown."""
+    lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL
+    units_per_hour: bool = False
+    """Whether figures for print show insulin in U/h too, as pumps do that give it under the skin."""
+    meals: Sequence[tuple[float, float]] = ()
+    """Planned time in min and carbohydrate in g of each meal."""
+    exercise: Sequence[Exercise] = ()
+    """Planned bouts of exercise."""
+    faults: Sequence[str] = ()
+    """Faults of sensor and pump under every controller."""
+    length_min: float = 0.0
+    start_min: float = 0.0
+    """Time of day at the start, after midnight."""
+    """Length of the run, where weeks are told."""
+    repeat: Repeat | None = None
+    """Command and configuration that repeat the trial."""
+
+    @property
+    def horizon_min(self) -> float:
+        """Length of the longest run."""
+        return max(float(case.bands_t_min[-1]) for case in self.cases.values())
+
+
+def ranges_pct(time_pct: Callable[[str], float]) -> dict[str, float]:
+    """Times in `RANGES` from those of the metrics, which include one another; they add up to 100."""
+    parts = {name: list(map(time_pct, names)) for name, names in RANGES.items()}
+    return {name: max(0.0, whole - sum(included)) for name, (whole, *included) in parts.items()}
