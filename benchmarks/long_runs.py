@@ -62,7 +62,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="plain data on standard output")
     parser.add_argument("--small", action="store_true", help="only 2 and 4 days of the first command")
-    parser.add_argument("--days", type=int, nargs="+", default=DAYS, help="lengths in place of 14, 40, 120 and 366 days")
+    parser.add_argument(
+        "--days", type=int, nargs="+", default=DAYS, help="lengths in place of 14, 40, 120 and 366 days"
+    )
     arguments = parser.parse_args()
     days = (2, 4) if arguments.small else arguments.days
     if not arguments.json:

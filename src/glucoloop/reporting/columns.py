@@ -268,10 +268,13 @@ def metric_rows(metrics: Mapping[str, Metrics], start_min: float = 0.0) -> list[
                 unit, other = result.unit, in_other_unit(result, texts, values)
                 latest_min = max((value for value in values if value is not None), default=0.0)
                 if result.moment and latest_min > MIN_PER_DAY:
-                    unit, texts = "", [
-                        text if value is None else moment_text(value, latest_min, start_min)
-                        for text, value in zip(texts, values, strict=True)
-                    ]
+                    unit, texts = (
+                        "",
+                        [
+                            text if value is None else moment_text(value, latest_min, start_min)
+                            for text, value in zip(texts, values, strict=True)
+                        ],
+                    )
                 rows.append(MetricRow(metric.section, result.title, unit, texts, other))
     return rows
 

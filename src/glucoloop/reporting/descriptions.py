@@ -98,7 +98,9 @@ def _run_facts(run: Run) -> dict[str, str]:
     fast = "exponential" if goes_fast(run.nominal) and not (run.exercise or run.rhythm) else "explicit Runge-Kutta"
     integrator = f"{fast if run.integrator == 'fast' else 'adaptive Runge-Kutta'} integrator"
     return {
-        **_situation_facts(run, the_first([_meal(meal, run.start_min or 0.0) for meal in run.eaten()], _MAX_MEALS) or "none"),
+        **_situation_facts(
+            run, the_first([_meal(meal, run.start_min or 0.0) for meal in run.eaten()], _MAX_MEALS) or "none"
+        ),
         **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
         "Length": _length(run.horizon_min),
         "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}",

@@ -194,7 +194,11 @@ def results_of(config: StressTest, folder: TrialFolder) -> Results:
         if cell.guarded and row["worse"]
     ]
     designed = {cell.controller: prepared.computed_settings[cell.label] for cell in cells}
-    facts = {**controllers_facts(base.cases, designed, base.start_min or 0.0), **trial_facts(base), **engine_facts(prepared.engines)}
+    facts = {
+        **controllers_facts(base.cases, designed, base.start_min or 0.0),
+        **trial_facts(base),
+        **engine_facts(prepared.engines),
+    }
     del facts["Faults"]  # those of the base; the page lists the faults of the test
     plain = {
         "facts": facts,
