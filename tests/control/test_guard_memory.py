@@ -169,7 +169,7 @@ def test_a_first_state_that_is_rounded_to_single_precision_is_no_damaged_one(bas
 
 
 def test_damaged_memory_with_a_report_that_is_too_high_lasts_until_the_next_true_report():
-    """What the guard's page names as not covered: the rate starts at the report, and then only falls to the basal rate."""
+    """The guard does not cover this: the rate starts at the report, and then only falls to the basal rate."""
     guard = guarded(Wants(rate=60.0))
     state = guard.init(observe(100.0))
     state = dataclasses.replace(state, doses=dataclasses.replace(state.doses, counted=jnp.asarray(3.0)))
