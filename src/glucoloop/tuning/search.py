@@ -1,7 +1,7 @@
 """Search over a grid: every tuning is tried in the loop.
 
-Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV to VI: the smallest sum of squared errors subject
-to the constraints (17) to (19) and to no oscillation.
+Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV to VI: the smallest sum of squared errors
+subject to the constraints (17) to (19) and to no oscillation.
 """
 
 from __future__ import annotations

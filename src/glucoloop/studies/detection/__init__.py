@@ -31,8 +31,8 @@ _estimators = functools.partial(Option, panel="Estimators")
 class Detection(Trial):
     """Estimators, and the days on which they are tried.
 
-    Each day of each person begins at steady state at midnight and has meals and noise of its own. As many days again are
-    without a meal.
+    Each day of each person begins at steady state at midnight and has meals and noise of its own. As many days again
+    are without a meal.
     """
 
     kind: ClassVar = "test of estimators"
@@ -161,9 +161,9 @@ DETECT: Final = PlainStudy(
     help=(
         "Test the estimators of meals that nobody announced: how soon a meal is detected, how exactly its size is "
         "estimated, and how often there is a false alarm.\n\n"
-        "Each day begins at steady state and has its own meals and noise; the same number of days is without a meal. By "
-        "default 100 days of one person are simulated, with two meals a day of 11 to 99 g, noise of variance 1.45, and "
-        f"doses by {ESTIMATING}, which uses the estimator. Other controllers, such as basal, do not use it.\n\n"
+        "Each day begins at steady state and has its own meals and noise; the same number of days is without a meal. "
+        "By default 100 days of one person are simulated, with two meals a day of 11 to 99 g, noise of variance 1.45, "
+        f"and doses by {ESTIMATING}, which uses the estimator. Others, such as basal, do not use it.\n\n"
         "  glucoloop detect --out detect\n\n"
         "  glucoloop detect --controller basal --estimator moving-horizon --threshold 0.8\n\n"
         "  glucoloop detect --population parker2000 --people 100 --controller meals_per_h=0.1 --out people\n\n"
