@@ -99,8 +99,8 @@ def wrong_values(setting):
     about, number = setting.about, round if setting.kind is int else float
     if setting.kind not in (int, float, bool) and not setting.choices:
         return []
-    beyond = (about.at_most * 2, about.at_least - 1, about.above - 1)
-    return ["wobble", *(number(value) for value in beyond if abs(value) < 1e9 and not about.allows(value))]
+    beyond = (about.at_most + 1, about.at_least - 1, about.above, about.below)
+    return ["wobble", *(number(value) for value in beyond if abs(value) < 1e9)]
 
 
 def test_a_wrong_type_and_a_value_out_of_bounds_are_refused_by_option_part_and_setting():
