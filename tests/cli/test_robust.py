@@ -135,7 +135,7 @@ def test_a_search_that_was_cut_short_goes_on(glucoloop, tmp_path, monkeypatch):
     assert glucoloop("robust", *seeded(SMALL, 5), "--sampler", "random", "--out", "cut", "--overwrite").code == 0
     (tmp_path / "cut/candidates.parquet").write_bytes(b"nothing")
     damaged = glucoloop("robust", *seeded(SMALL, 5), "--sampler", "random", "--out", "cut")
-    assert "candidates.parquet is damaged; delete it" in damaged.err
+    assert "candidates.parquet is damaged: it is not a Parquet file; delete it" in damaged.err
 
 
 def seeded(options, seeds):
