@@ -15,7 +15,7 @@ from glucoloop.studies.catalogue import STUDIES
 HELP: Final = (
     "List what there is: patients, meal models, sensors, pumps, faults, controllers, estimators of meals, guards, "
     "metrics, samplers, models and readers.\n\n"
-    "With the name of a kind those of the kind are listed, and with the name of one its settings: their usual values, "
+    "With the name of a kind those of the kind are listed, and with the name of one its settings: their default values, "
     "bounds and units. With the name of a command every setting of it is listed, and with case what each controller "
     "has beside its own settings. With the name of a population its people are listed, or how they are drawn. What "
     "other packages add is listed too.\n\n"

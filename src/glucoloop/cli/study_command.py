@@ -95,7 +95,7 @@ class StudyOutcome:
     files: Mapping[str, str]
     """Paths of the files by name."""
     written: str | None = None
-    """Sentence on the place of the files, where it differs from the usual one."""
+    """Sentence on the place of the files, where it differs from the default one."""
     interruption: str = ""
     """Sentence on what was done when the study was interrupted; empty for one that is whole."""
 

@@ -111,7 +111,7 @@ class Component:
 
     @classmethod
     def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
-        """Usual settings for a route of insulin, where they differ from the defaults."""
+        """Default settings for a route of insulin, where they differ from the defaults."""
         return {}
 
     @classmethod
@@ -151,7 +151,7 @@ class Component:
         return self
 
     def completed(self, usual: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
-        """The part with a value for every setting: for those that were not given, the usual one or the default.
+        """The part with a value for every setting: for those that were not given, the default one or the default.
 
         Usual ones are values, or a `Default` that depends on noise. Settings that are at odds with one another are
         refused.

@@ -43,7 +43,7 @@ class Catalogue(dict[str, type[P]], Generic[P]):
         Class of which each part is a subclass; its ``kind`` names the kind, and its entry points are in the group
         ``glucoloop.<kind>s``, with an underscore for a space.
     parts : iterable of type
-        Parts of this package, the usual one first.
+        Parts of this package, the default one first.
     example : str
         Text of a part, for messages.
     unnamed : bool

@@ -144,7 +144,7 @@ class Repeated(SensorFault, name="repeated"):
 class OutOfOrder(SensorFault, name="out-of-order"):
     """A random one of the latest readings is given.
 
-    Each has the same probability, and it is drawn anew at each sample.
+    Each has the same probability, and it is drawn again at each sample.
     """
 
     among: Annotated[int, About("Number of latest readings among which one is drawn.", at_least=2, at_most=48)] = 4

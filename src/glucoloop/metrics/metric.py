@@ -141,7 +141,7 @@ class Metric(Component):
         return self.numbers
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
-        """State at the start, from glucose and the rate at rest: a pytree of numbers.
+        """State at the start, from glucose and the rate at steady state: a pytree of numbers.
 
         The first point of the grid is counted by `point` afterwards.
         """

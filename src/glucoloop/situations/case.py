@@ -156,7 +156,7 @@ Case.catalogue = _Cases()  # type: ignore[attr-defined]
 
 
 def usual_case(controller: str, situation: Situation) -> Case:
-    """A controller with its usual settings in a situation, on a model identified from an equally noisy record."""
+    """A controller with its default settings in a situation, on a model identified from an equally noisy record."""
     return Case(controller=CONTROLLERS.find(controller).partial({})).completed_in(situation)
 
 

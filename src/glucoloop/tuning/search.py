@@ -1,6 +1,6 @@
 """Search over a grid: every tuning is tried in the loop.
 
-Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV to VI: the least sum of squared errors subject
+Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV to VI: the smallest sum of squared errors subject
 to the constraints (17) to (19) and to no oscillation.
 """
 
@@ -277,7 +277,7 @@ def paper_tuning_surface(
 ) -> TuningSurface:
     """Search m from 1 to 4, p from m to 14 and phi_r from .3 to .8, without noise.
 
-    The paper says that its tunings give the least sum of squared errors subject to the constraints and to no
+    The paper says that its tunings give the smallest sum of squared errors subject to the constraints and to no
     oscillation. In these loops the sum keeps falling with more moves and a faster reference, up to where the loop
     oscillates.
     """

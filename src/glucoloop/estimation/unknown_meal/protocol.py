@@ -69,7 +69,7 @@ class MealEstimator(Protocol):
         """The same estimator for a sensor whose correlated error has a known standard deviation."""
 
     def init(self, model: FedModel, sensed: Sensed) -> Any:
-        """State before the first sample, of a person at rest."""
+        """State before the first sample, of a person at steady state."""
 
     def step(self, model: FedModel, state: Any, sensed: Sensed) -> tuple[Any, MealEstimate]:
         """Carry the state to this sample and correct it by the reading."""

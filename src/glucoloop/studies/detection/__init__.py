@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from glucoloop.meals.plan import MealPlan
 
 _DEFAULT_DAYS: Final = 100
-"""Usual number of days of one person; of several people, one day each."""
+"""Default number of days of one person; of several people, one day each."""
 _MAX_RUNS: Final = 100_000
 _estimators = functools.partial(Option, panel="Estimators")
 
@@ -31,7 +31,7 @@ _estimators = functools.partial(Option, panel="Estimators")
 class Detection(Trial):
     """Estimators, and the days on which they are tried.
 
-    Each day of each person begins at rest at midnight and has meals and noise of its own. As many days again are
+    Each day of each person begins at steady state at midnight and has meals and noise of its own. As many days again are
     without a meal.
     """
 
@@ -83,7 +83,7 @@ class Detection(Trial):
         ControllerComponent | None,
         _estimators(
             f"Settings of the estimators where the controller has none, like '{ESTIMATING.name}, meals_per_h=0.1'.",
-            default="those of the controller, or the usual ones",
+            default="those of the controller, or the default ones",
         ),
     ] = None
 
@@ -161,7 +161,7 @@ DETECT: Final = PlainStudy(
     help=(
         "Test the estimators of meals that nobody announced: how soon a meal is detected, how exactly its size is "
         "estimated, and how often there is a false alarm.\n\n"
-        "Each day begins at rest and has its own meals and noise; the same number of days is without a meal. By "
+        "Each day begins at steady state and has its own meals and noise; the same number of days is without a meal. By "
         "default 100 days of one person are simulated, with two meals a day of 11 to 99 g, noise of variance 1.45, and "
         f"doses by {ESTIMATING.name}, which uses the estimator. Other controllers, such as basal, do not use it.\n\n"
         "  glucoloop detect --out detect\n\n"

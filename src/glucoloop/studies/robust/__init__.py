@@ -86,9 +86,9 @@ class Search(Trial):
             metavar="NAME=X",
         ),
     ] = ()
-    beside: Annotated[tuple[str, ...], _search("A reference controller with its usual tuning; repeat it for more.")] = (
-        "mpc-se",
-    )
+    beside: Annotated[
+        tuple[str, ...], _search("A reference controller with its default tuning; repeat it for more.")
+    ] = ("mpc-se",)
     sampler: Annotated[
         SamplerComponent,
         _search("Sampler of the candidates: tpe, nsga2 or random, which needs no Optuna.", default=SAMPLERS.usual),
@@ -98,7 +98,7 @@ class Search(Trial):
     prefer: Annotated[
         str,
         _search(
-            "Choice of a tuning of the front: an objective, for its least value, or both, for the nearest to both.",
+            "Choice of a tuning of the front: an objective, for its minimum value, or both, for the nearest to both.",
             metavar=f"NAME|{BOTH}",
         ),
     ] = BOTH
@@ -157,7 +157,7 @@ class Search(Trial):
 
     @functools.cached_property
     def space(self) -> tuple[Tuned, ...]:
-        """Ranges of the tuned numbers: those that are given, and the usual ones unless one number is given."""
+        """Ranges of the tuned numbers: those that are given, and the default ones unless one number is given."""
         given, fixed = self.ranges or {}, self.case.controller.given
         results = []
         for name, usual in RANGES.items():

@@ -89,9 +89,9 @@ def sentences(config: Search, results: Results) -> Iterator[str]:
     chosen, number = plain["chosen"]["candidate"], how_many(plain["candidates"], "tuning")
     keeping = f"Of {number} {how_many(plain['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
     if not plain["chosen"]["keeps_the_bounds"]:
-        yield f"{keeping}; chosen is the one that exceeds them least, candidate {chosen}."
+        yield f"{keeping}; chosen is the one that exceeds them by the smallest amount, candidate {chosen}."
         return
-    preferred = f"the least of {prefer}" if prefer in objectives else "nearest to the least of both"
+    preferred = f"the minimum of {prefer}" if prefer in objectives else "nearest to the minimum of both"
     front = f"{how_many(len(plain['front']), 'makes', 'make')} the front of {' and '.join(objectives)}"
     yield (
         f"{f'{keeping}, and {front}' if plain['bounds'] else f'Of {number} {front}'}; "

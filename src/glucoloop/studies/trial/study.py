@@ -215,7 +215,7 @@ def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[tupl
 def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
     """People with the worst outcomes, with their traces; a person is the same in every simulation.
 
-    Of a long run they have the week with the least glucose.
+    Of a long run they have the week with the minimum glucose.
     """
     if not people:
         return []
