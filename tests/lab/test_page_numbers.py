@@ -429,9 +429,9 @@ RUN = (("parker-1999", "pid", False), ("hovorka-2004", "mpc", False), ("wilinska
 def test_the_page_is_within_two_hundredths_of_a_mg_dl_with_the_arithmetic_of_a_run(groups, answers, runs, loops):
     """But for a few loops in which rounding decides.
 
-    A guard believes no reading that stays the same to its last digit. Without noise, a person at steady state has such readings
-    or not by the last digit, and the same arithmetic changes as much when the person begins a part in 1e14 off the
-    setpoint.
+    A guard accepts no reading that stays the same to its last digit. Without noise, a person at steady state has such
+    readings or not by the last digit, and the same arithmetic changes as much when the person begins a part in 1e14 off
+    the setpoint.
     """
     decided_by_rounding = 0
     by_default = dict(zip(loops, traces_of(list(loops.values()), by_jax), strict=True))

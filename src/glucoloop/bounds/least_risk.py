@@ -14,7 +14,7 @@ Hanson)::
 
     minimise  sum_k (f'_k J_k du + c_k / 2 (J_k du)^2) + lambda / 2 |du|^2   over u + du >= 0,   with c_k = |f'_k| / d_k
 
-and the derivatives J of the simulation; lambda falls when a step does what was foretold. The c_k of reweighted minimum
+and the derivatives J of the simulation; lambda falls when a step does what was foretold. The c_k of reweighted least
 squares take the place of the second derivative, which is 0 or negative far from the range. Ten steps are usual, where
 SciPy's L-BFGS-B takes hundreds of simulations and ends at prices that are two to three times as high. The search is a
 local one, so what it finds can be reached, and better doses may exist.
@@ -115,12 +115,13 @@ def least_risk_doses(
     patient : Patient
         One person, who is known exactly, with exercise and rhythms.
     scenario : Scenario, optional
-        The 50 g oral glucose test by default. The patient starts at steady state. Whether meals are announced does not matter.
+        The 50 g oral glucose test by default. The patient starts at steady state. Announcements do not matter.
     known_after_min : float
         Time at which each meal and its size become known, counted from its start, as in `optimal_doses`: 0, or
         `IN_ADVANCE` for all meals from the start of the run.
     start_mU_min : (samples,) array, optional
-        Doses from which the search begins, and than which what it finds is never worse; the rate at steady state by default.
+        Doses from which the search begins, and than which what it finds is never worse; the rate at steady state by
+        default.
 
     Returns
     -------
@@ -230,7 +231,7 @@ class _Ahead:
 
 @compiled_by_class
 def _followed(ahead: _Ahead, doses: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """State after each sample, and glucose inside it, ``(samples, points)``, under multiples of the rate at steady state."""
+    """State after each sample, and glucose inside it, ``(samples, points)``, under multiples of the basal rate."""
 
     def one(x: jax.Array, entry: tuple[jax.Array, Exogenous]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         after, inside = ahead.plant.advance(x, *entry)

@@ -126,7 +126,7 @@ def optimal_doses(
     patient : Patient
         One person.
     scenario : Scenario, optional
-        The 50 g oral glucose test by default. The patient starts at steady state. Whether meals are announced does not matter.
+        The 50 g oral glucose test by default. The patient starts at steady state. Announcements do not matter.
     known_after_min : float
         Time at which each meal and its size become known, counted from its start: 0 is perfect information from its
         first minute, a negative value is knowledge in advance, and `IN_ADVANCE` from the start of the run. What is

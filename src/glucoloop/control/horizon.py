@@ -29,8 +29,8 @@ from 5.4 % on a move weight of 1 or 3 keeps it at 76 or above. Without a move we
 65 with 11 %, and to 74 with 20 %.
 """
 DEFAULT_SHARE: Final = 0.3
-"""Share at the default horizon, with which glucose stays at 84 mg/dl or above without a move weight. The paper's horizons
-of 7 and 8 samples see as much of its patient.
+"""Share at the default horizon, with which glucose stays at 84 mg/dl or above without a move weight. The paper's
+horizons of 7 and 8 samples see as much of its patient.
 """
 
 Tuning = TypeVar("Tuning", bound=MPCTuning)

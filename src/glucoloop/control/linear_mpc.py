@@ -134,8 +134,8 @@ class LinearMPC:
 def _remembered(step_response: Any, realisation: Realisation | None, horizon: int) -> tuple[Any, Realisation | None]:
     """Coefficients that a controller keeps one by one, and the realisation of the response after them.
 
-    A response without a realisation is kept whole. Otherwise the controller keeps the minimum number that the prediction
-    horizon and the realisation need.
+    A response without a realisation is kept whole. Otherwise the controller keeps the minimum number that the
+    prediction horizon and the realisation need.
     """
     if realisation is None:
         return extended(step_response, None, horizon + 1), None

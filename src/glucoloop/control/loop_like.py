@@ -145,9 +145,9 @@ class LoopLike(OfPerson, name="loop-like"):
 
     The forecast of glucose is the reading and the sum of the effects of insulin that is still to act, of meals that are
     still absorbed, of the changes of the last 30 min that these do not explain, which fade within an hour, and of the
-    slope of the last 15 min, which fades into the other effects in as long. The dose is the minimum by which no forecast
-    is above its target, where eventual glucose is above the range; the target goes from the suspend threshold to the
-    setpoint in the second half of the action of insulin. Forecast glucose below the threshold suspends insulin.
+    slope of the last 15 min, which fades into the other effects in as long. The dose is the minimum by which no
+    forecast is above its target, where eventual glucose is above the range; the target goes from the suspend threshold
+    to the setpoint in the second half of the action of insulin. Forecast glucose below the threshold suspends insulin.
 
     ====================  ====================================================================  ====================
     dose                  value                                                                 ``dosing``

@@ -312,7 +312,7 @@ class MealMPC:
         return {"move_horizon": self.move_horizon, "prediction_horizon": self.prediction_horizon}
 
     def init(self, observation: Observation) -> _MealMPCState:
-        """State of a controller at steady state under the delivered rate; unexplained glucose counts as a disturbance."""
+        """Steady state under the delivered rate; unexplained glucose counts as a disturbance."""
         known, delivered = is_known(observation), rate_at_start(observation, self.model.insulin_mU_min)
         delivered = jnp.clip(delivered, self.limits.min_mU_min, self.limits.max_mU_min)
         sensed = Sensed(
@@ -526,8 +526,8 @@ def design_meal_mpc(
     subject to the pump's rate and magnitude limits at every planned move; G and G_end are linearised along the plan.
     An announced meal is served in both forecasts. A known dead time is bridged by predicting from the moment that the
     reading speaks of, under the rates that were delivered since. A lasting error of the model is estimated as an
-    appearance of glucose and goes on in the forecast. What of it stays for hours at steady state is learned and no longer
-    doubted, so that no offset is left but what `anticipation` asks for, as long as the error is within what the
+    appearance of glucose and goes on in the forecast. What of it stays for hours at steady state is learned and no
+    longer doubted, so that no offset is left but what `anticipation` asks for, as long as the error is within what the
     estimator believes: a basal rate that is far too small is taken for insulin that does not arrive.
 
     ============  ===========================================================  ======

@@ -6,9 +6,9 @@ sensor and the time constant of the gut have a covariance. Meals nobody announce
 the gut, so that a rise is taken for a meal that goes on as meals do; an announced meal enters both, the content with
 what was counted and the covariance with the error of counting.
 
-The time constant is the person's own and is learned, from meal to meal, as a share of the default one: with a gut of one
-speed, a meal that appears fast is taken for a larger meal. It is never accepted to be longer than the default one, since
-glucose that rises for longer than a meal should is then taken for the tail of a meal, and gets insulin for hours.
+The time constant is the person's own and is learned, from meal to meal, as a share of the default one: with a gut of
+one speed, a meal that appears fast is taken for a larger meal. It is never accepted to be longer than the default one,
+since glucose that rises for longer than a meal should is then taken for the tail of a meal, and gets insulin for hours.
 
 References
 ----------

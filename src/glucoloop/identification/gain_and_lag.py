@@ -65,9 +65,9 @@ def identify_gain_and_lag(
         v = w + (u - w) / b,    55 b w' = u - w
 
     Insulin u is ``(N,)`` or ``(N, people)``, less the basal rate, and glucose y has N + 1 readings, less the setpoint,
-    of a person who was at steady state; a reading that is not finite counts for nothing. The response h_1..h_M of the known
-    person is left out after M samples, so M is best as long as the record. Where the fit leaves more than the noise
-    variance R, in (mg/dl)^2, the standard errors are as much larger.
+    of a person who was at steady state; a reading that is not finite counts for nothing. The response h_1..h_M of the
+    known person is left out after M samples, so M is best as long as the record. Where the fit leaves more than the
+    noise variance R, in (mg/dl)^2, the standard errors are as much larger.
     """
     sample_time_min = _check.positive("The sample time", sample_time_min, "min")
     noise_variance = _check.positive("The noise variance", noise_variance, "(mg/dl)^2")
@@ -102,7 +102,7 @@ def answer(
     lag: jax.Array | float,
     sample_time_min: float,
 ) -> jax.Array:
-    """Glucose deviation ``(N + 1,)`` of a person with a gain and a lag, who was at steady state, under rates ``(N,)``."""
+    """Glucose deviation ``(N + 1,)`` from steady state of a person with a gain and a lag, under rates ``(N,)``."""
     z = sample_time_min / (LAG_MIN * lag)
 
     def sample(w: jax.Array, away: jax.Array) -> tuple[jax.Array, jax.Array]:

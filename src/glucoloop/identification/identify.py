@@ -96,8 +96,8 @@ def identify_record(
     record : Record
         N samples of insulin and N + 1 readings.
     method : {"csrs", "least-squares"}
-        Cross-correlation, for a record of pulses from `design_csrs` without meals that starts at steady state; or minimum
-        squares, for any input that excites the patient enough, with meals or without.
+        Cross-correlation, for a record of pulses from `design_csrs` without meals that starts at steady state; or
+        least squares, for any input that excites the patient enough, with meals or without.
     memory : int, optional
         M, the samples after which the patient's response has died out.
     laguerre_pole : float, optional

@@ -40,11 +40,23 @@ class Extremes(Metric, name="extremes"):
         Result("undershoot_mg_dl", "Setpoint minus the minimum glucose.", "Undershoot", "mg/dl", fall=True),
         Result("minimum_mg_dl", "Minimum glucose of the run.", "Minimum glucose", "mg/dl", concentration=True),
         Result(
-            "minimum_t_min", "Time from the start of the run at which the minimum is first reached.", "  at", "min", 0
+            "minimum_t_min",
+            "Time from the start of the run at which the minimum is first reached.",
+            "  at",
+            "min",
+            0,
+            moment=True,
         ),
         Result("overshoot_mg_dl", "Maximum glucose minus the setpoint.", "Overshoot", "mg/dl"),
         Result("peak_mg_dl", "Maximum glucose of the run.", "Maximum glucose", "mg/dl", concentration=True),
-        Result("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at", "min", 0),
+        Result(
+            "peak_t_min",
+            "Time from the start of the run at which the peak is first reached.",
+            "  at",
+            "min",
+            0,
+            moment=True,
+        ),
     )
 
     def init(

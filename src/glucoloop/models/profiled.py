@@ -9,7 +9,8 @@ where u_n is the nominal basal rate and d what no meal explains, as appearance i
 that of the correction factors, ``CF / CF_n``, and with it ``g_m = g_u CR_n / CR`` is that of the carbohydrate ratios:
 insulin lowers glucose, and carbohydrate raises it, as the profile has it. CF_n and CR_n are those of the nominal model
 itself, titrated on it as `build.titration` titrates people. What the profile does not hold is told from basal
-rate and weight: who needs more insulin at steady state answers less to it, and who weighs more has more room for glucose.
+rate and weight: who needs more insulin at steady state answers less to it, and who weighs more has more room for
+glucose.
 
 Insulin is not accepted to do next to nothing, since a model in which it does gives far too much of it. With the total
 daily dose D, by default twice the daily basal dose, the numbers of the profile are taken to be at least shares of those
@@ -20,12 +21,12 @@ by the rules of Walsh et al. (2011)::
 
 or as little as the nominal model has, scaled to the person's basal rate: in that of the UVA/Padova simulator a unit
 does 0.16 of what the rule of 1800 says.
-The shares are the minimum of a first titration of virtual people. Of 150 others of boiroux2017 and of wilinska2010 each,
-with profiles 15 % wrong, 5 to 25 % have lower factors, down to 0.02, and fewer than 5 % lower ratios. From above
+The shares are the minimum of a first titration of virtual people. Of 150 others of boiroux2017 and of wilinska2010
+each, with profiles 15 % wrong, 5 to 25 % have lower factors, down to 0.02, and fewer than 5 % lower ratios. From above
 nothing is bounded: who is taken to be too sensitive is given too little insulin, and not too much.
 
-The equations are advanced by an exponential Runge-Kutta method of second order about the Jacobian J at steady state, which is
-exact where they are linear, as subcutaneous insulin is, so that steps of half an hour are possible::
+The equations are advanced by an exponential Runge-Kutta method of second order about the Jacobian J at steady state,
+which is exact where they are linear, as subcutaneous insulin is, so that steps of half an hour are possible::
 
     a = x + h phi_1(hJ) x',    x(t + h) = a + h phi_2(hJ) (x'(a) - x'(x) - J (a - x))
 

@@ -36,14 +36,15 @@ class OdePatient(RestingPatient[dict[str, Any]]):
 
     - ``nominal``, the constants by name, which ``derivative`` finds in ``self.parameters``: numbers, or arrays
       ``(people,)`` of those that vary;
-    - ``near_rest``, a state near the one at steady state ``(states,)``, and ``near_basal_mU_min``, the rate that goes with it;
-    - ``derivative(t_min, x, inputs)``, the rate of change of the state ``(states, ...)`` per minute at a time of day;
-    - ``glucose_mg_dl(x)``, the glucose that is controlled;
+    - ``near_rest``, a state near the one at steady state ``(states,)``, and ``near_basal_mU_min``, the rate that goes
+    with it; - ``derivative(t_min, x, inputs)``, the rate of change of the state ``(states, ...)`` per minute at a time
+    of day; - ``glucose_mg_dl(x)``, the glucose that is controlled;
 
     and what is optional of any patient, such as ``insulin_route``, ``sites`` or ``meal_model``. Equations of the clock
     rest with the clock at midnight. With ``takes_exercise = True`` the derivative may read ``inputs.exercise_pct``,
-    which is 0 at steady state. Rhythms change the constants that ``insulin_sensitivity`` names, a tuple of those that are
-    proportional to sensitivity, and ``glucose_production``, a mapping of constants to what 1 mg/kg/min adds to each.
+    which is 0 at steady state. Rhythms change the constants that ``insulin_sensitivity`` names, a tuple of those that
+    are proportional to sensitivity, and ``glucose_production``, a mapping of constants to what 1 mg/kg/min adds to
+    each.
 
     Examples
     --------

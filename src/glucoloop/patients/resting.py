@@ -77,7 +77,7 @@ class Rest:
             return u
 
     def at_basal(self, p: Constants, insulin_mU_min: jax.Array | float) -> dict[str, Any]:
-        """Fields of the patient whose setpoint is the glucose at steady state under an infusion; raises as `state` does."""
+        """Fields of the patient whose setpoint is the steady glucose under an infusion; raises as `state` does."""
         with at_once(p, insulin_mU_min):
             x = self.state(p, insulin_mU_min)
             basal = jnp.asarray(insulin_mU_min, float)

@@ -58,8 +58,8 @@ class WholeSteps:
         minimum = whole(self.least_mU_min / self.step_mU_min - _HAIR) * self.step_mU_min
         if not traced and not np.all(minimum <= self.limits.max_mU_min):
             raise Refusal(
-                f"a minimum dose of {self.least_mU_min:g} mU/min is not possible; give whole steps that stay within the "
-                "largest dose"
+                f"a minimum dose of {self.least_mU_min:g} mU/min is not possible; give whole steps that stay within "
+                "the largest dose"
             )
         return minimum
 

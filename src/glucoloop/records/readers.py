@@ -5,19 +5,20 @@ from __future__ import annotations
 from typing import Final
 
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.records.any_table import AnyTable
-from glucoloop.records.carelink import CareLink
-from glucoloop.records.dexcom_clarity import DexcomClarity
-from glucoloop.records.libreview import LibreView
-from glucoloop.records.nightscout import Nightscout
-from glucoloop.records.ohio_t1dm import OhioT1DM
 from glucoloop.records.reader import ReaderComponent
-from glucoloop.records.replaybg import ReplayBG
-from glucoloop.records.simglucose import Simglucose
-from glucoloop.records.tidepool import Tidepool
 
 READERS: Final = Catalogue(
     ReaderComponent,
-    (DexcomClarity, LibreView, CareLink, Nightscout, Tidepool, OhioT1DM, Simglucose, ReplayBG, AnyTable),
+    {
+        "dexcom-clarity": "glucoloop.records.readers:DexcomClarity",
+        "libreview": "glucoloop.records.readers:LibreView",
+        "carelink": "glucoloop.records.readers:CareLink",
+        "nightscout": "glucoloop.records.readers:Nightscout",
+        "tidepool": "glucoloop.records.readers:Tidepool",
+        "ohio-t1dm": "glucoloop.records.readers:OhioT1DM",
+        "simglucose": "glucoloop.records.readers:Simglucose",
+        "replaybg": "glucoloop.records.readers:ReplayBG",
+        "table": "glucoloop.records.readers:AnyTable",
+    },
     example="dexcom-clarity",
 )

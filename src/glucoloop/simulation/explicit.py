@@ -119,12 +119,12 @@ class Explicit:
         if self.steps_per_min is not None:
             raise Refusal(
                 f"{self.steps_per_min} steps per minute are too few for {type(patient).__name__}, whose fastest rate "
-                f"at steady state is {fastest:.3g} per minute; give {math.ceil(fastest / _STABLE)} or more, or leave them out"
+                f"at steady state is {fastest:.3g} per minute; give {math.ceil(fastest / _STABLE)} or more, or none"
             )
         if needed > _MAX_STEPS_PER_MIN * point_min:
             raise Refusal(
-                f"the fastest rate of {type(patient).__name__} at steady state is {fastest:.3g} per minute, for which the "
-                f"explicit integrator would need {math.ceil(fastest / _STABLE)} steps per minute, more than "
+                f"the fastest rate of {type(patient).__name__} at steady state is {fastest:.3g} per minute, for which "
+                f"the explicit integrator would need {math.ceil(fastest / _STABLE)} steps per minute, more than "
                 f"{_MAX_STEPS_PER_MIN}; put the fast states at their equilibrium, or use the adaptive integrator"
             )
         return needed
@@ -162,7 +162,7 @@ def plant_with(patient: Patient, steps_per_point: int, grid: SampleGrid) -> Expl
 
 
 def fastest_rate_per_min(patient: Patient) -> float:
-    """Largest absolute value of the eigenvalues of the derivative's Jacobian at steady state, of one person or of many."""
+    """Largest absolute eigenvalue of the derivative's Jacobian at steady state, of one person or of many."""
     return _fastest(Content(patient))
 
 
@@ -175,7 +175,7 @@ def _fastest(content: Content) -> float:
     rates = np.linalg.eigvals(np.moveaxis(jacobian, (0, 1), (-2, -1)))
     if not np.all(np.isfinite(rates)):
         raise Refusal(
-            f"the derivative of {type(patient).__name__} at steady state is not finite; look at its steady state and constants"
+            f"the derivative of {type(patient).__name__} at steady state is not finite; look at it and the constants"
         )
     return float(np.max(np.abs(rates)))
 

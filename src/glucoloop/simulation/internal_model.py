@@ -46,7 +46,7 @@ def linear_model(
     setpoint_mg_dl: float | None = None,
     sensor_lag_min: float = 0.0,
 ) -> LinearModel:
-    """Exact linearisation of a patient at steady state, sampled with a zero-order hold; its disturbance is the meal, mg/min.
+    """Exact linearisation at a steady state, sampled with a zero-order hold; the disturbance is the meal, mg/min.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Waking:
     def wake(
         self, model: FedModel, insulin_mU_min: jax.Array, glucose_mg_dl: jax.Array, known: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """State and disturbance at steady state under a rate that explain the part of a reading that noise does not explain."""
+        """Steady state and disturbance under a rate that explain the part of a reading that noise does not."""
         x = model.state + self.by_insulin * (insulin_mU_min - model.insulin_mU_min)
         away = jnp.where(known, glucose_mg_dl - model.glucose_mg_dl(x), 0.0)
         away = jnp.clip(away, -_FARTHEST_MG_DL, _FARTHEST_MG_DL)

@@ -21,9 +21,9 @@ _SAMPLES: Final = 60
 class Expectation:
     """A person at steady state as described by an estimator that assumes that meals begin now and then.
 
-    The noisier the sensor, the less do readings at steady state say against a meal, and the fewer meals may be expected. So
-    each value is there for each of the sizes of the sensor's error in `estimation.noise_level`, on its first axis.
-    Where the rate of meals depends on the time of day, an axis of the rates comes before it.
+    The noisier the sensor, the less do readings at steady state say against a meal, and the fewer meals may be
+    expected. So each value is there for each of the sizes of the sensor's error in `estimation.noise_level`, on its
+    first axis. Where the rate of meals depends on the time of day, an axis of the rates comes before it.
     """
 
     eating: jax.Array
@@ -48,8 +48,8 @@ class Expectation:
         """Estimate without a share `taken` of the meal that is always expected.
 
         Expecting a little of a meal at every sample would hold glucose a little below the setpoint. The expectation is
-        removed in proportion to the probability that there is no meal: all of it at steady state, and nothing during a meal
-        that is certain.
+        removed in proportion to the probability that there is no meal: all of it at steady state, and nothing during a
+        meal that is certain.
         """
         expected = self._at(estimate.noise_mg_dl, time_of_day_min)
         share = taken * (1.0 - estimate.eating) / (1.0 - expected.eating)
@@ -62,7 +62,7 @@ class Expectation:
 
 
 def expectation(estimator: MealEstimator, model: FedModel) -> Expectation:
-    """Expectation of an estimator whose readings are, sample by sample, those that it predicts for a person at steady state."""
+    """Expectation of an estimator that reads, sample by sample, what it predicts for a person at steady state."""
     each = [_at_levels(one, model) for one in estimator.at_each_rate()]
     last = each[0] if estimator.daily is None else _stacked(each)
     return Expectation(eating=last.eating, x=last.x - model.state, stomach=last.stomach, daily=estimator.daily)

@@ -118,7 +118,7 @@ class HovorkaConstants:
 
     @abstractmethod
     def infusion_without_production_mU_min(self) -> jax.Array:
-        """Minimum constant infusion at steady state under which the liver makes no glucose, so that glucose falls to zero."""
+        """Minimum constant infusion under which the liver ends up making no glucose, so that glucose falls to zero."""
 
 
 @pytree

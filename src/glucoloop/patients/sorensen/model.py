@@ -4,9 +4,9 @@ Concentrations of insulin and glucagon never fall below zero. Glucose can, in th
 take up the same amount however little there is, so hours of too much insulin take even arterial glucose below zero.
 What can be promised follows from the balances. Transport of glucose only ever mixes: if arterial glucose has never been
 below m, the blood of the brain has never been below ``m - u_B / q_B``, its tissue not below ``m - u_B / q_B -
-u_B T_B / v_BI``, and the gut not below ``m - u_G / q_G``: what each takes up at steady state. Elsewhere uptake ends with
-glucose, which stays at zero or above as long as m is above what the gut takes up. Rates of uptake do not scale with
-body weight while flows and volumes do, so these distances are largest for the lightest person.
+u_B T_B / v_BI``, and the gut not below ``m - u_G / q_G``: what each takes up at steady state. Elsewhere uptake ends
+with glucose, which stays at zero or above as long as m is above what the gut takes up. Rates of uptake do not scale
+with body weight while flows and volumes do, so these distances are largest for the lightest person.
 """
 
 from __future__ import annotations

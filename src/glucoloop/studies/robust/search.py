@@ -112,7 +112,8 @@ def _judged(
 ) -> pl.DataFrame:
     """Tunings that were tried, with columns for those that keep the bounds, those on the front, and the chosen one.
 
-    If none keeps the bounds, the one that exceeds them by the smallest amount is chosen; Refusal if none has a controller.
+    If none keeps the bounds, the one that exceeds them by the smallest amount is chosen; Refusal if none has a
+    controller.
     """
     values = candidates.select(OBJECTIVES[name].name for name in objectives).to_numpy()
     finite = np.isfinite(values).all(axis=1)
