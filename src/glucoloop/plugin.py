@@ -1,4 +1,4 @@
-"""What a component of one's own imports: the classes that it extends, and the values that it takes and gives.
+"""Names that a component of one's own imports: classes that it extends, and values that it takes and gives.
 
 A sensor, for example, is a class that extends `SensorComponent`, with its settings as fields that `About` describes,
 and gives a `Reading`. The page "Add your own" has a whole example of each kind. These names, and those of `glucoloop`
