@@ -40,9 +40,11 @@ def test_help_imports_no_component(command):
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [("run", "--help"), ("list",), ("list", "mpc-se"), ("run", "--nonsense"), ("run", "--noise", "-1")],
-    ids=" ".join,
+    "arguments", [("run", "--help"), ("list", "mpc-se"), ("run", "--nonsense"), ("run", "--noise", "-1")], ids=" ".join
 )
-def test_help_lists_and_refusals_import_no_numerical_library(arguments):
+def test_help_descriptions_and_refusals_import_no_numerical_library(arguments):
     assert not {"jax", "numpy", "scipy", "polars", "matplotlib"} & modules_after(*arguments)
+
+
+def test_the_list_of_everything_imports_no_more_than_the_readers_of_records():
+    assert not {"jax", "scipy", "matplotlib"} & modules_after("list")
