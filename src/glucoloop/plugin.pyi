@@ -40,8 +40,8 @@ from glucoloop.faults.sensor import SensorFault as SensorFault
 from glucoloop.meals.habits import HabitComponent as HabitComponent
 from glucoloop.meals.hovorka import HovorkaGut as HovorkaGut
 from glucoloop.meals.protocol import LinearMealModel as LinearMealModel
-from glucoloop.meals.protocol import OdeMealModel as OdeMealModel
 from glucoloop.meals.protocol import MealModel as MealModel
+from glucoloop.meals.protocol import OdeMealModel as OdeMealModel
 from glucoloop.meals.settings import MealModelComponent as MealModelComponent
 from glucoloop.meals.settings import RescueComponent as RescueComponent
 from glucoloop.metrics.metric import Ended as Ended
