@@ -117,7 +117,7 @@ class IMC(ControllerComponent, name="imc"):
         }
 
     def init(self, observation: Observation) -> _IMCState:
-        """State of a controller at rest under the delivered rate."""
+        """State of a controller at steady state under the delivered rate."""
         delivered = rate_at_start(observation, self.limits.min_mU_min)
         zero = jnp.zeros_like(delivered)
         return _IMCState(

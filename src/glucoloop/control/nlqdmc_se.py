@@ -52,7 +52,7 @@ class _NLQDMCState:
 
 
 class NLQDMC(FilterTuning, name="nlqdmc-se"):
-    """Predictive control on the nonlinear patient, linearised anew at each sample, with a Kalman filter.
+    """Predictive control on the nonlinear patient, linearised again at each sample, with a Kalman filter.
 
     At each sample the model is linearised at the predicted state and the rate in force. The Kalman gain K belongs to a
     prediction covariance that is carried along, by four steps of the Riccati equation of the linearisation at each
@@ -90,7 +90,7 @@ class NLQDMC(FilterTuning, name="nlqdmc-se"):
     Q: jax.Array = wired(DATA, default=None)
     """(n, n) covariance of the process noise."""
     covariance: jax.Array = wired(DATA, default=None)
-    """Lower triangle of the prediction covariance at rest, as the state has it."""
+    """Lower triangle of the prediction covariance at steady state, as the state has it."""
     R: jax.Array | float = wired(DATA, default=None)
     """Variance of a reading."""
     reference: jax.Array = wired(DATA, default=None)
@@ -197,7 +197,7 @@ class NLQDMC(FilterTuning, name="nlqdmc-se"):
         return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
 
     def init(self, observation: Observation) -> _NLQDMCState:
-        """State of a controller at rest at the model's operating point."""
+        """State of a controller at steady state at the model's operating point."""
         basal = self.model.insulin_mU_min + self.beyond_model_mU_min
         delivered = rate_at_start(observation, basal)
         sensor = None if self.learning_pace is None else no_error(delivered)

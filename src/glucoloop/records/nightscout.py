@@ -94,7 +94,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
         if unknown:
             more.append(
                 f"The basal rate is not known from {unknown} times on: a temporary one ends or is a percentage, and "
-                "the usual one is not in the file; a file of profiles of Nightscout beside it tells that."
+                "the default one is not in the file; a file of profiles of Nightscout beside it tells that."
             )
         if usual:
             more.append(

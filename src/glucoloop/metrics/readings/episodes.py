@@ -39,7 +39,7 @@ class GlucoseEpisode(NamedTuple):
     duration_min: float
     """Time from its first reading to the first one after it, or to the gap in which it ends."""
     extreme_mg_dl: float
-    """Least or greatest glucose."""
+    """Minimum or maximum glucose."""
 
     @property
     def extended(self) -> bool:

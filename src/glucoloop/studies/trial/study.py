@@ -100,7 +100,11 @@ def results_of(config: Trial, folder: TrialFolder) -> Results:
         units_per_hour=config.patient.subcutaneous,
         people=numbers["people"],
         infeasible=numbers["unable"]["count"],
-        facts={**controllers_facts(config.cases, designed), **trial_facts(config), **engine_facts(prepared.engines)},
+        facts={
+            **controllers_facts(config.cases, designed, config.start_min or 0.0),
+            **trial_facts(config),
+            **engine_facts(prepared.engines),
+        },
         meals=[(meal.t_min, meal.carbs_g) for meal in config.plan.nominal()],
         exercise=config.bouts,
         faults=config.fault_texts,
@@ -215,7 +219,7 @@ def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[tupl
 def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
     """People with the worst outcomes, with their traces; a person is the same in every simulation.
 
-    Of a long run they have the week with the least glucose.
+    Of a long run they have the week with the minimum glucose.
     """
     if not people:
         return []
