@@ -360,4 +360,5 @@ class Oref0(OfPerson, name="oref0"):
         rate = delivered_since(observation, state.requested_mU_min)
         rate = jnp.clip(rate, self.limits.min_mU_min, self.limits.max_mU_min)
         bolus = bolus_since(observation, state.requested_mU, self.bolus)
-        return ((rate - self.basal_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
+        insulin_U: jax.Array = ((rate - self.basal_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
+        return insulin_U
