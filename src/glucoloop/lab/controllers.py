@@ -276,8 +276,7 @@ def looped_functions(family: str) -> dict[str, PageFunction]:
 
     def controller(person: Any) -> ProfileMPC:
         numbers = person["controller"]
-        return dataclasses.replace(
-            designed,
+        return designed.replaced(
             costs=dataclasses.replace(designed.costs, **{of: numbers[name] for name, of in _OF_COSTS.items()}),
             filter=dataclasses.replace(designed.filter, **{name: numbers[name] for name in _OF_FILTER}),
             limits=numbers["limits"],

@@ -192,7 +192,9 @@ def _of_days(
     def of_day(basal: jax.Array, readings: jax.Array, insulin: jax.Array) -> MealEstimates:
         individual = controller.with_basal(basal)
         none = jnp.zeros_like(readings)
-        return replay(individual.model, individual.estimator, t_min, readings, insulin, none, basal, late, start_min)
+        return replay(
+            individual.model, individual.meal_estimator, t_min, readings, insulin, none, basal, late, start_min
+        )
 
     results: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
     return results
