@@ -16,7 +16,8 @@ _UNPRINTABLE: Final = re.compile(
 )
 """Control characters, ends of lines and paragraphs, lone surrogates, and marks that turn the direction of a text."""
 _CREDENTIALS: Final = re.compile(
-    r"(?<=:/)(/*)[^\s/@]+@|([?&;](?:[\w.-]*(?:token|secret|password|signature|credential|key)|sig|pwd)=)(?:[^\s&;#'\":]|:(?!\s))+", re.I
+    r"(?<=:/)(/*)[^\s/@]+@|([?&;](?:[\w.-]*(?:token|secret|password|signature|credential|key)|sig|pwd)=)(?:[^\s&;#'\":]|:(?!\s))+",
+    re.I,
 )
 """Name and password in an address, and values of its query that are secrets by their names."""
 _LONGEST_SHOWN: Final = 60
