@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from matplotlib.figure import Figure
 
-from glucoloop.control.catalogue import SEARCHED
+from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import read_toml
@@ -163,7 +163,7 @@ def test_what_is_read_is_told_as_it_was():
 
 
 def test_what_can_be_searched_are_settings_of_the_controller():
-    assert set(RANGES) <= set(SEARCHED.settings())
+    assert set(RANGES) <= set(CONTROLLERS[SEARCHED].settings())
     assert [name for name, tuned in RANGES.items() if not tuned.by_default] == [
         "output_weight",
         "glucose_floor_mg_dl",

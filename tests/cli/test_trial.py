@@ -225,6 +225,7 @@ def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, t
     assert sums(tmp_path / "a") == sums(tmp_path / "b")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_design_that_fails_changes_nothing(glucoloop, refused, tmp_path):
     wrong = ("trial", "--people", 40, "--controller", "mpc, prediction_horizon=1", *SHORT, "--out", "a/b")

@@ -3,11 +3,11 @@
 import numpy as np
 
 from glucoloop.metrics import Metrics
-from glucoloop.metrics.catalogue import RESULTS
+from glucoloop.metrics.catalogue import default_results
 
 
 def metrics_of(value, **changed):
-    names = [result.name for result in RESULTS]
+    names = [result.name for result in default_results()]
     return Metrics.of({name: np.asarray(changed.get(name, value)) for name in names})
 
 

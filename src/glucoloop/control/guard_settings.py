@@ -178,7 +178,12 @@ class GuardSettings(Component, name="usual"):
             )
 
 
-GUARDS: Final = Catalogue(GuardSettings, (GuardSettings,), example="usual, max_hour=2", unnamed=True)
+GUARDS: Final = Catalogue(
+    GuardSettings,
+    {"usual": "glucoloop.control.guard_settings:GuardSettings"},
+    example="usual, max_hour=2",
+    unnamed=True,
+)
 
 
 class Guarded(Protocol):

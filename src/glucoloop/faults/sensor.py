@@ -301,18 +301,3 @@ class Nonsense(SensorFault, name="nonsense"):
         """The number, whatever glucose is."""
         number = jnp.broadcast_to(self.value, jnp.shape(reading.glucose_mg_dl))
         return Reading(glucose_mg_dl=number, valid=jnp.ones_like(reading.valid))
-
-
-SENSOR_FAULTS: Final = (
-    Missing,
-    Late,
-    Repeated,
-    OutOfOrder,
-    Spikes,
-    Stuck,
-    Drift,
-    Calibration,
-    Compression,
-    Saturation,
-    Nonsense,
-)

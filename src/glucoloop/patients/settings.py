@@ -327,10 +327,15 @@ class _Patients(Catalogue[PatientComponent]):
 
 PATIENTS: Final = _Patients(
     PatientComponent,
-    (
-        *(Parker1999Part, Hovorka2004Part, Wilinska2010Part, UvaPadova2008Part, Kanderian2009Part),
-        *(RoyParker2007Part, McGill2020Part),
-    ),
+    {
+        "parker-1999": "glucoloop.patients.settings:Parker1999Part",
+        "hovorka-2004": "glucoloop.patients.settings:Hovorka2004Part",
+        "wilinska-2010": "glucoloop.patients.settings:Wilinska2010Part",
+        "uva-padova-2008": "glucoloop.patients.settings:UvaPadova2008Part",
+        "kanderian-2009": "glucoloop.patients.settings:Kanderian2009Part",
+        "roy-parker-2007": "glucoloop.patients.settings:RoyParker2007Part",
+        "mcgill-2020": "glucoloop.patients.settings:McGill2020Part",
+    },
     example="parker-1999, operating_point=nominal-22",
     unnamed=True,
 )

@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import BOLUSES
 from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, wired
 from glucoloop.component.routes import PUMP_OF_1999
@@ -222,6 +223,20 @@ class PumpComponent(PytreeComponent):
             min_mU=MU_PER_U * settings["min_bolus_U"],
             step_mU=MU_PER_U * settings["bolus_step_U"],
         )
+
+
+PUMPS: Final = Catalogue(
+    PumpComponent,
+    {
+        "limited": "glucoloop.pumps.limits:LimitedPump",
+        "resolution": "glucoloop.pumps.resolution:Resolution",
+        "expiring": "glucoloop.pumps.expiring:Expiring",
+        "infusion-set": "glucoloop.pumps.infusion_set:InfusionSet",
+        "pen": "glucoloop.pumps.pen:Pen",
+    },
+    example="expiring, samples=3",
+    unnamed=True,
+)
 
 
 class LimitedPump(PumpComponent, name="limited"):

@@ -20,7 +20,7 @@ from glucoloop.build.designs import design_of
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.component.setting import Value
 from glucoloop.control import Controller, MPCTuning, StateTuning
-from glucoloop.control.catalogue import TUNABLE, controller_entry
+from glucoloop.control.catalogue import controller_entry, tunable
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.models.step_response import StepResponseModel
@@ -40,7 +40,7 @@ def kind_of_tuning(controller: str) -> type[MPCTuning]:
     """Kind of the tunings of a controller that can be tuned: `StateTuning` if it has a reference filter."""
     entry = controller_entry(controller)
     if not entry.tunable:
-        raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
+        raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(tunable())}")
     return StateTuning if "reference_filter" in entry.settings() else MPCTuning
 
 

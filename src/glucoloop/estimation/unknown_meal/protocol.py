@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Final, Protocol
 
 from glucoloop._lazy_jax import jax
 from glucoloop._pytree import pytree
 from glucoloop.component.base import MadeComponent
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.estimation.unknown_meal.habits import DailyRates
 from glucoloop.meals.stomach import Announced, Stomach
 from glucoloop.models.nonlinear import FedModel
@@ -84,3 +85,14 @@ class EstimatorComponent(MadeComponent):
     """
 
     kind: ClassVar = "estimator"
+
+
+ESTIMATORS: Final = Catalogue(
+    EstimatorComponent,
+    {
+        "moving-horizon": "glucoloop.estimation.unknown_meal.moving_horizon:MovingHorizonSettings",
+        "kalman": "glucoloop.estimation.unknown_meal.kalman:KalmanSettings",
+    },
+    example="moving-horizon, fast_meals=0",
+    unnamed=True,
+)
