@@ -131,7 +131,9 @@ def test_nobody_at_the_address(monkeypatch):
         pass
 
 
-@pytest.mark.parametrize("address", ["tcp://ann:s3cret@10.0.0.1:8786", "tcp://10.0.0.1:8786?token=s3cret", "tcp:// s3cret"])
+@pytest.mark.parametrize(
+    "address", ["tcp://ann:s3cret@10.0.0.1:8786", "tcp://10.0.0.1:8786?token=s3cret", "tcp:// s3cret"]
+)
 def test_an_address_with_a_secret_is_refused_without_it(address):
     with pytest.raises(ValueError, match="no address of a scheduler") as refused, connected(address):
         pass
