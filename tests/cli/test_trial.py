@@ -277,7 +277,7 @@ MISTAKES = {
     "trial --out a --traces some": ["--traces is 'some'", "none, all"],
     "trial --out a --shard-people 0": ["--shard-people is 0"],
     "trial --out a --workers 0": ["--workers is 0"],
-    "trial --out a --dask here": ["--dask is 'here'", "tcp://"],
+    "trial --out a --dask here": ["no address of a scheduler", "tcp://10.0.0.1:8786"],
     "trial --out a --dask tcp://10.0.0.1:1 --workers 3": ["--workers is 3", "leave it out"],
     "trial --out a --integrator fast": ["--integrator", "glucoloop trial --help"],
     "query": ["DIR", "glucoloop query --help"],
