@@ -21,7 +21,7 @@ def represented(cls: type[T]) -> type[T]:
     An array is named by its type and shape, a nested record by its class. Not for what is part of a compiled program,
     of which the whole `repr` is in digests.
     """
-    cls.__repr__ = _line  # type: ignore[method-assign, assignment]
+    cls.__repr__ = _line  # type: ignore[method-assign]
     cls._repr_html_ = _table  # type: ignore[attr-defined]
     return cls
 
