@@ -118,7 +118,7 @@ def run_here(folder: TrialFolder, simulate: Simulate) -> None:
             writing.result()
 
 
-def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
+def _shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
     """The files of a shard, computed by a worker.
 
     `version` and `identity` are those of glucoloop and of the arithmetic in the process that owns the folder; a
@@ -222,7 +222,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Callable[[int], N
     def fill() -> None:
         most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values()))
         for index in itertools.islice(waiting, max(0, most - len(running))):
-            work = shard_on_worker, trial, index, glucoloop.__version__, identity
+            work = _shard_on_worker, trial, index, glucoloop.__version__, identity
             future = client.submit(*work, pure=False, retries=_RETRIES)
             running[future] = index
             completed.add(future)
