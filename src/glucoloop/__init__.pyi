@@ -17,6 +17,7 @@ from . import units as units
 from .bounds import optimal_doses as optimal_doses
 from .commands import CommandResult as CommandResult
 from .commands import compare as compare
+from .commands import report as report
 from .commands import run as run
 from .commands import trial as trial
 from .component.effects import NoEffectWarning as NoEffectWarning

@@ -12,6 +12,7 @@ from typing import Annotated, Final
 
 import polars as pl
 
+from glucoloop._representation import represented
 from glucoloop.records.answers import Answers, columns_from_text
 from glucoloop.records.times import YEARS
 from glucoloop.refusal import Refusal
@@ -68,6 +69,7 @@ class FileRefusal(Refusal):
         self.paths, self.why = tuple(paths), str(why)
 
 
+@represented
 @dataclass(frozen=True, kw_only=True)
 class DeviceRecord:
     """Record that devices made of a person: one row for each reading, meal, bolus or change of the basal rate.
