@@ -70,6 +70,7 @@ class BasalBolus(OfPerson, name="basal-bolus"):
 
     Examples
     --------
+    >>> from glucoloop.therapy import Profile
     >>> controller = BasalBolus().of_person(Profile(basal_mU_min=6.73, setpoint_mg_dl=110.0))
     >>> round(float(controller.carbs_per_U), 1), round(float(controller.fall_per_U))
     (25.8, 93)

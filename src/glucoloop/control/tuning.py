@@ -86,7 +86,7 @@ class MPCTuning(ControllerComponent):
         return dataclasses.replace(self, prediction_horizon=longer)
 
     def tuned(self, tuning: MPCTuning | None, **settings: Any) -> tuple[Self, int]:
-        """These settings with those of a tuning and others, and the minimum horizon where it suits the model.
+        """Settings with those of a tuning and others, and the minimum horizon where it suits the model.
 
         Without a tuning it is the default one, with a horizon that suits the model and is not shorter than its own.
         """
