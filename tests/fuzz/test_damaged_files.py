@@ -25,6 +25,7 @@ meals = ["45g@7h"]
 
 [[vary]]
 parameter = "EGP_0"
+distribution = "uniform"
 spread_pct = 10
 
 [[joint]]
