@@ -2,7 +2,7 @@
 
     python benchmarks/families.py [--json] [--people N] [--repeats N] [--patient NAME ...]
 
-A day with three meals, 5-min samples, the usual population of each patient; the whole path of a trial, from drawing
+A day with three meals, 5-min samples, the default population of each patient; the whole path of a trial, from drawing
 people to their metrics. Those of parker-1999 are measured without noise too, and with noise and everybody's own meals.
 The people of uva-padova-2008, each with an own gut that is an ODE, have boluses for announced meals and a monitor that
 shows whole mg/dl. Times are of the processor, so that what else runs on the machine disturbs less; the best of the

@@ -6,7 +6,7 @@
 Without REVISION it is the last tag. Its source is cloned beside this tree, and both are carried out by the same Python
 with the same packages, each command in a process of its own, in turns, so that a noisy machine is noisy for both. A
 first round fills the caches of both and is not counted. Compared is the time of processors, which what else runs on the
-machine disturbs less than the wall; a ratio is that of one round, new to old, of which median, least and greatest are
+machine disturbs less than the wall; a ratio is that of one round, new to old, of which median, minimum and maximum are
 printed. With ``--at-most 1.1`` the exit code is 1 if a median is greater.
 """
 
@@ -124,7 +124,7 @@ def main() -> int:
     parser.add_argument("revision", nargs="?", help="tag or commit; the last tag by default")
     parser.add_argument("--rounds", type=int, default=5, help="rounds that are counted (default: 5)")
     parser.add_argument("--only", nargs="+", choices=COMMANDS, default=list(COMMANDS), help="some of the commands")
-    parser.add_argument("--at-most", type=float, help="greatest median ratio of times, new to old")
+    parser.add_argument("--at-most", type=float, help="maximum median ratio of times, new to old")
     parser.add_argument("--json", action="store_true", help="plain data")
     options = parser.parse_args()
     if options.rounds < 1:

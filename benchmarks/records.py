@@ -31,7 +31,7 @@ FORTNIGHT = 14 * 288
 
 
 def processor_time(work) -> float:
-    """Least time of all processors over a few repeats [s], which other programs on the machine hardly change."""
+    """Minimum time of all processors over a few repeats [s], which other programs on the machine hardly change."""
     times = []
     for _ in range(REPEATS):
         begun = time.process_time()

@@ -3,7 +3,7 @@
 
     python benchmarks/start.py [--repeats N] [--beside FOLDER]
 
-Processor seconds of whole commands, and in parentheses in those of ``import jax`` in a new process; the least of the
+Processor seconds of whole commands, and in parentheses in those of ``import jax`` in a new process; the minimum of the
 repeats counts, and they take turns, so that what else runs on the machine disturbs less. `--beside` names the ``src``
 of another version, which is measured in the same run.
 """
@@ -43,7 +43,7 @@ def main() -> None:
     here = Path(__file__).resolve().parents[1] / "src"
     sources = {"here": here, **({"beside": asked.beside.resolve()} if asked.beside else {})}
     if sys.dont_write_bytecode:
-        print("PYTHONDONTWRITEBYTECODE is set: each process compiles Python's own modules anew.")
+        print("PYTHONDONTWRITEBYTECODE is set: each process compiles Python's own modules again.")
     with tempfile.TemporaryDirectory(prefix="glucoloop-start-") as place:
         folder = Path(place)
         jax_s = min(processor_s(["-c", "import jax"], folder) for _ in range(asked.repeats + 1))

@@ -4,7 +4,7 @@
 
 People of `parker-1999` live their own days (the scenario ``week``), with sensor noise, in float32, under linear MPC or
 another controller, on one core: shards are computed and written to a folder as by ``glucoloop trial``, and all that is
-compiled was compiled before. Each length has a process of its own, of which the greatest memory is told. Times are of
+compiled was compiled before. Each length has a process of its own, of which the maximum memory is told. Times are of
 the processor, so that what else runs on the machine disturbs less. From the time of the longest follows what the record
 would take, a million people for 52 weeks:
 

@@ -3,7 +3,7 @@
     python docs/accuracy.py        # minutes; rewrites docs/guide/accuracy.md and docs/guide/accuracy_rough.md
 
 One day with three meals under linear MPC. The insulin of the loop is fixed first; then glucose at every sample is
-compared with SciPy's DOP853 at a relative tolerance of 1e-12, started anew at every sample and every kink of a meal.
+compared with SciPy's DOP853 at a relative tolerance of 1e-12, started again at every sample and every kink of a meal.
 A second day has insulin that varies smoothly, which shows the order of convergence. In further days insulin jumps at
 every sample by as much as the paper's pump can: so the steps of a sample are chosen.
 """

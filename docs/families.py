@@ -35,7 +35,7 @@ def _of_identification(result):
 
 
 def _of_tuning(result):
-    return f"least sum of squares {result['best']['sse']:.4g}"
+    return f"smallest sum of squares {result['best']['sse']:.4g}"
 
 
 def _of_trial(result):

@@ -158,7 +158,7 @@ def steady_states() -> str:
         [f"{rate:g}", f"{units.u_h_from_mu_min(rate):.2f}", f"{value:.2f}"]
         for rate, value in zip(rates, glucose, strict=True)
     ]
-    return table(["Insulin, mU/min", "Insulin, U/h", "Arterial glucose at rest, mg/dl"], cells, "rrr")
+    return table(["Insulin, mU/min", "Insulin, U/h", "Arterial glucose at steady state, mg/dl"], cells, "rrr")
 
 
 def controllers() -> str:

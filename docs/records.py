@@ -70,7 +70,10 @@ def rows():
 
 def main():
     measured = np.array(list(rows()))
-    lines = ["| Of 30 records | Least | 5 % | Median | 95 % | Largest |", "| :--- | ---: | ---: | ---: | ---: | ---: |"]
+    lines = [
+        "| Of 30 records | Minimum | 5 % | Median | 95 % | Largest |",
+        "| :--- | ---: | ---: | ---: | ---: | ---: |",
+    ]
     names = ("Gain of the model, mg/dl per mU/min", "People below 60 mg/dl, %", "Median undershoot, mg/dl")
     for name, values, digits in zip(names, measured.T, (2, 1, 1), strict=True):
         shares = np.percentile(values, [0, 5, 50, 95, 100])

@@ -1,7 +1,7 @@
 """Build the documentation as one version of a site, beside those that are there.
 
     python docs/site_of_versions.py SITE
-    python docs/site_of_versions.py SITE --list   # only write the list anew, as after a version was deleted
+    python docs/site_of_versions.py SITE --list   # only write the list again, as after a version was deleted
 
 The pages of this version go to ``SITE/VERSION``. ``SITE/versions.json`` names the versions that are there, newest
 first, and ``SITE/index.html`` links them. Each page names its version, and links that list.

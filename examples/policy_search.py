@@ -37,7 +37,7 @@ SPREAD = np.array([0.5, 1.0, 0.5, 0.3, 3.0])
 def episode(env, weights, seed):
     """Sum of rewards ``(people,)`` and glucose ``(samples + 1, people)``; weights are ``(5, people)``."""
     seen, info = env.reset(seed=seed)
-    at_rest = seen[:, 2].astype(float)  # each begins at rest under the own basal rate [U a step]
+    at_rest = seen[:, 2].astype(float)  # each begins at steady state under the own basal rate [U a step]
     last, on_board = seen[:, 0], np.zeros(env.num_envs)
     total, there, glucose = np.zeros(env.num_envs), np.ones(env.num_envs, bool), [info["glucose_mg_dl"]]
     for _ in range(env.people.samples):

@@ -1,4 +1,4 @@
-"""What is run or believed lies where nobody else can write, nor put another folder in its place."""
+"""What is run or accepted lies where nobody else can write, nor put another folder in its place."""
 
 import os
 import tempfile

@@ -14,6 +14,7 @@ from glucoloop.component.code import loaded
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
 from glucoloop.studies.catalogue import STUDIES
+from naming import naming
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
@@ -55,9 +56,16 @@ def test_a_block_after_an_included_one_is_read(tmp_path):
     assert commands(page) == ["glucoloop run --out DIR"]
 
 
-@pytest.mark.parametrize("line", written())
-def test_a_command_that_is_written_exists_with_its_options(line, monkeypatch):
+def test_a_command_that_is_written_exists_with_its_options(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "examples")
+    texts = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    for line in written():
+        with naming(line):
+            refuse_unknown(line, texts)
+
+
+def refuse_unknown(line, texts):
+    """Refuse a command with a name, an option or a value that is none, unless a page tells of the refusal."""
     _, *words = shlex.split(line)
     if not words or words[0].startswith("-"):
         return
@@ -70,7 +78,7 @@ def test_a_command_that_is_written_exists_with_its_options(line, monkeypatch):
         try:
             read_root(REQUESTS[words[0]], request_of(given, command.options).tree)
         except Refusal as error:
-            if not any(f"{error}." in page.read_text(encoding="utf-8") for page in PAGES):
+            if f"{error}." not in texts:
                 raise
 
 
@@ -84,25 +92,27 @@ def options():
     return found
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_an_option_that_a_text_names_exists(page):
-    text = FENCE.sub("", page.read_text(encoding="utf-8"))
-    assert set(re.findall(r"(?<!`)`(--[a-z-]+)", text)) <= options()
+def test_an_option_that_a_text_names_exists():
+    known = options()
+    for page in PAGES:
+        text = FENCE.sub("", page.read_text(encoding="utf-8"))
+        with naming(page):
+            assert set(re.findall(r"(?<!`)`(--[a-z-]+)", text)) <= known
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_commands_stand_in_blocks_that_are_read_here(page):
-    languages = {language for language, text in FENCE.findall(page.read_text(encoding="utf-8")) if "glucoloop " in text}
-    assert languages <= {"", "text", "python", "toml"}
+def test_commands_stand_in_blocks_that_are_read_here():
+    for page in PAGES:
+        blocks_of_page = FENCE.findall(page.read_text(encoding="utf-8"))
+        with naming(page):
+            assert {of for of, text in blocks_of_page if "glucoloop " in text} <= {"", "text", "python", "toml"}
 
 
-FIRST = [ROOT / "docs" / "getting-started.md", ROOT / "docs" / "tutorial.md"]
-
-
-@pytest.mark.parametrize("pages", [FIRST, *([page] for page in PAGES)], ids=lambda pages: pages[-1].stem)
-def test_who_types_all_commands_of_a_page_names_no_folder_twice(pages):
-    folders = re.findall(r"--out (?!DIR)(\S+)", "\n".join(line for page in pages for line in commands(page)))
-    assert sorted(folders) == sorted(set(folders))
+def test_who_types_all_commands_of_a_page_names_no_folder_twice():
+    first = [ROOT / "docs" / "getting-started.md", ROOT / "docs" / "tutorial.md"]
+    for pages in (first, *([page] for page in PAGES)):
+        folders = re.findall(r"--out (?!DIR)(\S+)", "\n".join(line for page in pages for line in commands(page)))
+        with naming(*pages):
+            assert sorted(folders) == sorted(set(folders))
 
 
 def test_the_example_of_the_readme_runs(tmp_path, monkeypatch):

@@ -68,9 +68,9 @@ def test_a_value_that_no_unit_explains_is_told_the_range():
 
 
 def test_a_narrower_range_tells_its_reason():
-    needed = unit_guess.LARGEST_RATE.within(least=25.6, reason="25.6 mU/min hold the patient at rest")
+    needed = unit_guess.LARGEST_RATE.within(least=25.6, reason="25.6 mU/min hold the patient at steady state")
     assert str(doubt_about(20.0, needed, "--max-insulin")) == (
-        "--max-insulin is 20 mU/min, but 25.6 mU/min hold the patient at rest. "
+        "--max-insulin is 20 mU/min, but 25.6 mU/min hold the patient at steady state. "
         "Give another value, or pass allow_unusual=True if 20 mU/min is meant"
     )
     assert "looks like U/h: 4 U/h is 66.7 mU/min" in str(doubt_about(4.0, needed, "--max-insulin"))

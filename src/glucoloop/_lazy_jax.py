@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import importlib.abc
 import importlib.machinery
 import importlib.util
 import sys
@@ -70,7 +69,7 @@ def once_imported(action: Callable[[], None]) -> None:
         sys.meta_path.insert(0, _Hook())
 
 
-class _Hook(importlib.abc.MetaPathFinder):
+class _Hook:
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:

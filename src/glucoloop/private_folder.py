@@ -1,4 +1,4 @@
-"""Folders whose contents are run or believed, so that nobody else may write to them, nor put another in their place."""
+"""Folders whose contents are run or accepted, so that nobody else may write to them, nor put another in their place."""
 
 from __future__ import annotations
 

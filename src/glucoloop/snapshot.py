@@ -69,7 +69,9 @@ def unpack(data: bytes, like: T, of: str = "") -> T:
     version, _, rest = data.removeprefix(_MAGIC).partition(b"\n")
     if version != str(_VERSION).encode():
         result = version[:20].decode(errors="replace")
-        raise Refusal(f"the snapshot is of version {result!r}, but this program reads version {_VERSION}; save it anew")
+        raise Refusal(
+            f"the snapshot is of version {result!r}, but this program reads version {_VERSION}; save it again"
+        )
     body, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if hashlib.sha256(body).digest() != digest:
         raise Refusal("the snapshot is damaged: its digest is not that of its content; take an earlier one")

@@ -27,7 +27,7 @@ CORRECTION_RULE: Final = 1800.0
 BASAL_SHARE: Final = 0.5
 """Part of the total daily dose that is the basal rate."""
 _MIN_DAILY_BASAL_U: Final = 0.5
-"""Least daily basal dose that the rules take, so that a person without a basal rate has finite numbers."""
+"""Minimum daily basal dose that the rules take, so that a person without a basal rate has finite numbers."""
 
 
 @pytree

@@ -33,7 +33,7 @@ class OtherUnit:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A measured quantity, its unit, and its plausible range, whose least value is below its greatest."""
+    """A measured quantity, its unit, and its plausible range, whose minimum value is below its maximum."""
 
     name: str
     unit: str
@@ -100,11 +100,11 @@ GLUCOSE: Final = Quantity("glucose", "mg/dl", 35.0, 600.0, _MMOL)
 GLUCOSE_BOUND: Final = Quantity("a bound on glucose", "mg/dl", 20.0, 1000.0, _MMOL, zero=True)
 INSULIN_RATE: Final = Quantity("an insulin rate", "mU/min", 4.0, 500.0, _RATES, zero=True)
 LARGEST_RATE: Final = Quantity(
-    "the greatest rate of a pump", "mU/min", 8.0, 300.0, (*_RATES, *others_of("mU/min", "pmol/min"))
+    "the maximum rate of a pump", "mU/min", 8.0, 300.0, (*_RATES, *others_of("mU/min", "pmol/min"))
 )
 LARGEST_SUBCUTANEOUS_RATE: Final = dataclasses.replace(LARGEST_RATE, most=600.0)
 """The same under the skin, where pumps give up to 35 U/h."""
-MIN_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, others_of("mU/min", "mU/h", "pmol/min"))
+MIN_RATE: Final = Quantity("the minimum rate of a pump", "mU/min", 0.0, 100.0, others_of("mU/min", "mU/h", "pmol/min"))
 RATE_CHANGE: Final = Quantity("the largest change of a rate", "mU/min", 2.0, 500.0, _RATES)
 FITTED_STEP: Final = Quantity("a lasting step of a rate", "mU/min", 1.0, 500.0, _RATES, zero=True)
 RATE_STEP: Final = Quantity("the smallest step of a rate", "mU/min", 0.2, 20.0, _RATES)
@@ -119,7 +119,7 @@ CORRECTION: Final = Quantity(
     "a correction factor", "mg/dl per U", 8.0, 400.0, others_of("mg/dl per U", "mmol/l per U"), zero=True
 )
 LARGEST_BOLUS: Final = Quantity("the largest bolus of a pump", "U", 0.1, 100.0, _MU)
-BOLUS_STEP: Final = Quantity("the least bolus of a pump, or its step,", "U", 0.001, 5.0, _MU, zero=True)
+BOLUS_STEP: Final = Quantity("the minimum bolus of a pump, or its step,", "U", 0.001, 5.0, _MU, zero=True)
 LAG: Final = Quantity("the lag of a sensor", "min", 0.5, 60.0, _SECONDS_OR_HOURS, zero=True)
 ACTION_TIME: Final = Quantity("the time for which insulin acts", "min", 15.0, 900.0, _HOURS)
 WAITING_TIME: Final = Quantity("the time for which a guard waits", "min", 1.0, 600.0, _SECONDS_OR_HOURS, zero=True)

@@ -1,4 +1,4 @@
-"""Doses of least risk: against a global search, against the other bound, and against the simulation."""
+"""Doses of minimum risk: against a global search, against the other bound, and against the simulation."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -6,7 +6,7 @@ import polars as pl
 import pytest
 
 from glucoloop.metrics import RunningMetrics
-from glucoloop.metrics.catalogue import METRICS, RESULTS, metrics_with
+from glucoloop.metrics.catalogue import METRICS, default_results, metrics_with
 from glucoloop.metrics.metric import Result
 
 NAME = "your_own_metric:TightRange"
@@ -32,7 +32,7 @@ def test_it_is_in_the_table_and_in_json(outside, glucoloop, name):
     assert told.code == 0, told.err
     assert told.json["config"]["metrics"] == [{"name": name, "low_mg_dl": 70, "high_mg_dl": 140}]
     metrics = told.json["metrics"]
-    assert list(metrics) == [*(result.name for result in RESULTS), "time_70_140_pct"]
+    assert list(metrics) == [*(result.name for result in default_results()), "time_70_140_pct"]
     # glucose begins at 81 mg/dl and rises after the meal, without falling below 70
     assert metrics["minimum_mg_dl"] > 70.0
     assert 0.0 < metrics["time_70_140_pct"] <= 100.0

@@ -39,7 +39,7 @@ def test_it_delivers_with_its_settings_and_the_resolution_is_around_it(outside, 
     pump = pump_of(configured(Situation, pump=f"{name}, lag_min=5, max_insulin_mU_min=30"))
     state = pump.init(jnp.asarray(20.0), jax.random.key(0))
     _, delivery = pump.deliver(state, jnp.asarray(40.0), jax.random.key(1))
-    assert float(delivery.reported_mU_min) == 30.0  # the greatest rate of the run
+    assert float(delivery.reported_mU_min) == 30.0  # the maximum rate of the run
     assert float(delivery.insulin_mU_min) == pytest.approx(30.0 - 10.0 * np.exp(-1.0))
     assert gives_bolus(pump)
     around = pump_of(configured(Situation, pump=f"{name}, resolution_mU_min=0.5"))

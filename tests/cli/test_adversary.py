@@ -31,7 +31,7 @@ class Once:
             if number >= len(rows):
                 yield row
 
-    def found(self, rows):
+    def results_of(self, rows):
         return self.known[self.key][1].results_of(rows)
 
 

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from glucoloop.cli.app import command_of, names
 from glucoloop.cli.option import SET
 from glucoloop.cli.request import request_of
-from glucoloop.component.setting import Setting
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root, request_from
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation
 from glucoloop.situations.toml import toml_text
 from glucoloop.studies.catalogue import STUDIES
+from naming import naming
 from requests_read import asked, root_of
 
 MAX_LINES, MAX_OPTIONS, WIDTH = 80, 30, 100
@@ -33,63 +33,69 @@ def of_a_patient(command):
     return SET in command_of(command).options and issubclass(root, Situation) and "patient" not in root.refused
 
 
-@pytest.mark.parametrize("command", names())
-def test_help_fits_on_two_screens(glucoloop, monkeypatch, command):
+def test_help_fits_on_two_screens(glucoloop, monkeypatch):
     monkeypatch.setenv("COLUMNS", str(WIDTH))
-    answer = glucoloop(command, "--help")
-    lines = answer.out.splitlines()
-    assert answer.code == 0
-    assert lines[0].startswith(f"Usage: glucoloop {command}")
-    assert max(map(len, lines)) <= WIDTH
-    assert len([line for line in lines if re.match(r"  --", line)]) <= MAX_OPTIONS
-    assert len(lines) <= MAX_LINES
-    for option in command_of(command).options:
-        assert option.flag in answer.out
+    for command in names():
+        with naming(command):
+            answer = glucoloop(command, "--help")
+            lines = answer.out.splitlines()
+            assert answer.code == 0
+            assert lines[0].startswith(f"Usage: glucoloop {command}")
+            assert max(map(len, lines)) <= WIDTH
+            assert len([line for line in lines if re.match(r"  --", line)]) <= MAX_OPTIONS
+            assert len(lines) <= MAX_LINES
+            for option in command_of(command).options:
+                assert option.flag in answer.out
 
 
-@pytest.mark.parametrize("command", names())
-def test_every_option_is_a_sentence(command):
-    flags = [option.flag for option in command_of(command).options]
-    assert len(flags) == len(set(flags))
-    for option in command_of(command).options:
-        assert option.help.endswith("."), option.flag
+def test_every_option_is_a_sentence():
+    for command in names():
+        with naming(command):
+            flags = [option.flag for option in command_of(command).options]
+            assert len(flags) == len(set(flags))
+            for option in command_of(command).options:
+                assert option.help.endswith("."), option.flag
 
 
-@pytest.mark.parametrize("command", [name for name in ASKING if of_a_patient(name)])
-def test_the_example_of_a_setting_by_its_path_is_one_that_the_command_takes(command):
+def test_the_example_of_a_setting_by_its_path_is_one_that_each_command_takes():
     [example] = re.findall(r"like (\S+);", SET.help)
-    given = command_of(command).given([SET.flag, example])
-    read = read_root(root_of(command), request_of(given, command_of(command).options).tree)
-    assert read.patient.operating_point == "fasting-81"
+    commands = [name for name in ASKING if of_a_patient(name)]
+    assert len(commands) > 5
+    for command in commands:
+        with naming(command):
+            given = command_of(command).given([SET.flag, example])
+            read = read_root(root_of(command), request_of(given, command_of(command).options).tree)
+            assert read.patient.operating_point == "fasting-81"
 
 
-@pytest.mark.parametrize("command", names())
-def test_an_unknown_option_is_refused_with_the_likely_one(refused, command):
-    assert re.match("there is no option --wobble; (see glucoloop|did you mean --)", refused(command, "--wobble", "1"))
+def test_an_unknown_option_is_refused_with_the_likely_one(refused):
+    for command in names():
+        with naming(command):
+            answer = refused(command, "--wobble", "1")
+            assert re.match("there is no option --wobble; (see glucoloop|did you mean --)", answer)
 
 
-NUMBERS = [
-    (command, option)
-    for command in ASKING
-    for option in command_of(command).options
-    if option.setting is not None and option.setting.kind in (int, float)
-]
-
-
-@pytest.mark.parametrize(("command", "option"), NUMBERS, ids=lambda of: getattr(of, "flag", of))
-def test_a_number_is_refused_by_the_name_of_its_option(command, option):
-    setting: Setting = option.setting
-    beyond = [
-        number
-        for number in (setting.about.at_most * 2, setting.about.at_least - 1, setting.about.above - 1)
-        if abs(number) < 5e5 and not setting.about.allows(number)
-    ]
-    for value in ("wobble", *(str(round(number)) for number in beyond)):
-        typed = command_of(command).given([option.flag, value, *files_of(command)])
-        with pytest.raises(Refusal) as refused:
-            read_root(root_of(command), request_of(typed, command_of(command).options).tree)
-        assert re.match(rf"{option.flag} is '?{re.escape(value[:6])}", str(refused.value)), str(refused.value)
-        assert "; give " in str(refused.value)
+def test_a_number_is_refused_by_the_name_of_its_option():
+    tried = 0
+    for command in ASKING:
+        for option in command_of(command).options:
+            if option.setting is None or option.setting.kind not in (int, float):
+                continue
+            about = option.setting.about
+            beyond = [
+                number
+                for number in (about.at_most + 1, about.at_least - 1, about.above, about.below)
+                if abs(number) < 5e5
+            ]
+            for value in ("wobble", *(f"{number:g}" for number in beyond)):
+                tried += 1
+                with naming(command, option.flag, value):
+                    typed = command_of(command).given([option.flag, value, *files_of(command)])
+                    with pytest.raises(Refusal) as refused:
+                        read_root(root_of(command), request_of(typed, command_of(command).options).tree)
+                    assert re.match(rf"{option.flag} is '?{re.escape(value[:6])}", str(refused.value))
+                    assert "; give " in str(refused.value)
+    assert tried > 200
 
 
 # Arguments of a run that a file may hold as well.

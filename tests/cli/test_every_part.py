@@ -11,6 +11,7 @@ from glucoloop.component.grammar import part_text
 from glucoloop.component.listing import described, listing
 from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import read_toml, toml_text
+from naming import naming
 
 KINDS = catalogues()
 EVERY = [(kind, name) for kind, catalogue in KINDS.items() for name in catalogue]
@@ -65,54 +66,58 @@ def test_text_table_json_and_toml_of_a_part_are_read_as_the_same_part(kind, name
         assert again.tree() == tree
 
 
-@of_every_part
-def test_text_of_a_part_with_every_setting_is_read_as_the_same_part(kind, name):
-    part = KINDS[kind][name].partial({}).completed()
-    again = KINDS[kind].parse(part.text)
-    assert again.completed() == part
-    assert set(again.given) == {key for key, value in part.values().items() if value is not None}
-    assert part.given == {}
-    assert part.tree() == {"name": name}
+def test_text_of_a_part_with_every_setting_is_read_as_the_same_part():
+    for kind, name in EVERY:
+        with naming(kind, name):
+            part = KINDS[kind][name].partial({}).completed()
+            again = KINDS[kind].parse(part.text)
+            assert again.completed() == part
+            assert set(again.given) == {key for key, value in part.values().items() if value is not None}
+            assert part.given == {}
+            assert part.tree() == {"name": name}
 
 
-@of_every_part
-def test_a_part_is_described_with_each_of_its_settings(kind, name):
-    text = listing([described(KINDS[kind].find(name))], 100)
-    assert text.startswith(f"{kind} {name}: ")
-    assert max(map(len, text.splitlines())) <= 100
-    for setting in KINDS[kind][name].settings():
-        assert f"\n  {setting}" in text
+def test_a_part_is_described_with_each_of_its_settings():
+    for kind, name in EVERY:
+        with naming(kind, name):
+            text = listing([described(KINDS[kind].find(name))], 100)
+            assert text.startswith(f"{kind} {name}: ")
+            assert max(map(len, text.splitlines())) <= 100
+            for setting in KINDS[kind][name].settings():
+                assert f"\n  {setting}" in text
 
 
-@of_every_part
-def test_an_unknown_setting_is_refused_by_option_and_part(kind, name):
-    with pytest.raises(Refusal) as refused:
-        KINDS[kind].parse(f"{name}, wobble=1", f"--{kind}")
-    assert str(refused.value).startswith(f"--{kind}: the {kind} {name} has no setting 'wobble'; ")
+def test_an_unknown_setting_is_refused_by_option_and_part():
+    for kind, name in EVERY:
+        with naming(kind, name), pytest.raises(Refusal) as refused:
+            KINDS[kind].parse(f"{name}, wobble=1", f"--{kind}")
+        assert str(refused.value).startswith(f"--{kind}: the {kind} {name} has no setting 'wobble'; ")
 
 
-WRONG = [
-    (kind, name, setting.name, value)
-    for kind, name in EVERY
-    for setting in KINDS[kind][name].settings().values()
-    if setting.kind in (int, float, bool) or setting.choices
-    for value in ("wobble", setting.about.at_most * 2, setting.about.at_least - 1, setting.about.above - 1)
-    if isinstance(value, str) or abs(value) < 1e9
-]
+def wrong_values(setting):
+    """A text, and the numbers beyond its bounds, that a setting has to refuse; none where any text is right."""
+    about, number = setting.about, round if setting.kind is int else float
+    if setting.kind not in (int, float, bool) and not setting.choices:
+        return []
+    beyond = (about.at_most + 1, about.at_least - 1, about.above, about.below)
+    return ["wobble", *(number(value) for value in beyond if abs(value) < 1e9)]
 
 
-@pytest.mark.parametrize(("kind", "name", "setting", "value"), WRONG, ids=lambda of: str(of))
-def test_a_wrong_type_and_a_value_out_of_bounds_are_refused_by_option_part_and_setting(kind, name, setting, value):
-    declared = KINDS[kind][name].setting(setting)
-    if not isinstance(value, str) and declared.about.allows(value):
-        pytest.skip("the value is within the other bound")
-    typed = value if isinstance(value, str) or declared.kind is not int else round(value)
-    with pytest.raises(Refusal) as refused:
-        KINDS[kind].parse(f"{name}, {setting}={typed}", f"--{kind}")
-    assert str(refused.value).startswith(f"--{kind}: {name}: {setting} is ")
-    assert "; give " in str(refused.value)
-    with pytest.raises(Refusal) as refused:
-        KINDS[kind].read({"name": name, setting: "wobble" if isinstance(value, str) else typed})
-    assert str(refused.value).startswith(f"{name}: {setting} is ")
-    with pytest.raises((Refusal, TypeError), match=setting):
-        KINDS[kind][name](**{setting: value})
+def test_a_wrong_type_and_a_value_out_of_bounds_are_refused_by_option_part_and_setting():
+    tried = 0
+    for kind, name in EVERY:
+        part = KINDS[kind][name]
+        for setting in part.settings():
+            for value in wrong_values(part.setting(setting)):
+                tried += 1
+                with naming(kind, name, setting, value):
+                    with pytest.raises(Refusal) as refused:
+                        KINDS[kind].parse(f"{name}, {setting}={value}", f"--{kind}")
+                    assert str(refused.value).startswith(f"--{kind}: {name}: {setting} is ")
+                    assert "; give " in str(refused.value)
+                    with pytest.raises(Refusal) as refused:
+                        KINDS[kind].read({"name": name, setting: value})
+                    assert str(refused.value).startswith(f"{name}: {setting} is ")
+                    with pytest.raises((Refusal, TypeError), match=setting):
+                        part(**{setting: value})
+    assert tried > 500

@@ -10,7 +10,7 @@ from glucoloop.situations.toml import read_toml, toml_text
 from requests_read import asked, root_of, typed
 
 UNDER_THE_SKIN = ("--patient", "hovorka-2004")
-# Each is the usual value of the patient of 1999, and no usual one under the skin.
+# Each is the default value of the patient of 1999, and no usual one under the skin.
 GIVEN = {
     "move_weight = 0.0": lambda case: case.controller.move_weight == 0.0,
     "prediction_horizon = 8": lambda case: case.controller.prediction_horizon == 8,

@@ -62,7 +62,7 @@ def test_settings_without_a_name_change_the_controller_of_the_file(read):
     found = read("run", "--controller", "prediction_horizon=20", cases=ONE).case.controller
     assert (found.name, found.move_weight, found.prediction_horizon) == ("mpc-se", 1.0, 20)
     found = read("run", "--controller", "mpc, prediction_horizon=20", cases=ONE).case.controller
-    assert (found.name, found.move_weight, found.prediction_horizon) == ("mpc", 1.0, 20)  # the usual one with noise
+    assert (found.name, found.move_weight, found.prediction_horizon) == ("mpc", 1.0, 20)  # the default one with noise
     found = read("run", "--set", "controller.move_weight=3", cases=ONE).case.controller
     assert (found.name, found.move_weight) == ("mpc-se", 3.0)
 

@@ -317,7 +317,7 @@ def test_full_disk_leaves_the_old_folder(glucoloop, refused, tmp_path, monkeypat
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    told = refused("run", "--duration", 100, "--seed", 1, "--out", "out", "--overwrite")
+    told = refused("run", "--duration", 200, "--out", "out", "--overwrite")
     assert "No space left on device" in told
     assert {file.name: file.read_bytes() for file in (tmp_path / "out").iterdir()} == before
     assert [file.name for file in tmp_path.iterdir()] == ["out"]

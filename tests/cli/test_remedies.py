@@ -18,12 +18,12 @@ FILE = {"cli/output_file.py": frozenset({"lab", "records"})}
 SHARED = {
     "cli/command.py": None,  # what is said of an option that was typed
     "cli/request.py": None,
-    "cli/trial_progress.py": None,
     "component/base.py": None,
     "storage/disk.py": WRITING,
     "storage/folder.py": WRITING,
     "storage/resumable.py": WRITING,
     "storage/rows.py": WRITING,
+    "trials/computing.py": None,
     "trials/folder.py": WRITING,
     "firmware/hil": frozenset({"hil"}),
     "cli/study_command.py": WRITING,

@@ -193,7 +193,7 @@ def test_a_run_is_told_in_the_units_that_are_asked_for(glucoloop, tmp_path):
     plain = glucoloop("run", *SHORT, "--out", "plain")
     answer = glucoloop("run", *SHORT, "--out", "other", "--units", "mmol/l, U/h")
     assert (answer.code, answer.err) == (0, "")
-    assert "Least glucose" in answer.out
+    assert "Minimum glucose" in answer.out
     for unit in ("mg/dl", "mU/min"):
         assert unit in plain.out
         assert unit not in answer.out.replace("(mg/dl)²", "").replace("gain -2.621 mg/dl per mU/min", "")

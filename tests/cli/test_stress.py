@@ -75,7 +75,7 @@ def test_limits_of_the_guard_are_heeded(glucoloop, tmp_path):
     assert glucoloop(*asked).code == 0
     table = pl.read_parquet(tmp_path / "a/stress.parquet")
     assert table["guarded"].all()
-    assert (table["fallback_pct"] > 50.0).all()  # nothing that is read is believed
+    assert (table["fallback_pct"] > 50.0).all()  # nothing that is read is accepted
 
 
 @pytest.mark.parametrize(

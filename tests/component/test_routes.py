@@ -22,7 +22,7 @@ def entry_of(route):
         """Somebody."""
 
         model = "somewhere:MODEL"
-        operating_points = (OperatingPoint("at-rest", "at rest"),)
+        operating_points = (OperatingPoint("at-rest", "at steady state"),)
         insulin_route = route
         pulse_mU_min = 10.0
 

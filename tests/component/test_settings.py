@@ -39,7 +39,7 @@ class _Desk(_Lamp, name="desk"):
             raise Refusal(f"{self.spare} spare bulbs are more than the {self.bulbs} in use")
 
 
-LAMPS = Catalogue(_Lamp, (_Desk,), example="desk, bulbs=2")
+LAMPS = Catalogue(_Lamp, {"desk": f"{__name__}:_Desk"}, example="desk, bulbs=2")
 
 
 def test_a_part_is_read_from_its_text_with_its_units():

@@ -166,3 +166,16 @@ def test_a_first_state_that_is_rounded_to_single_precision_is_no_damaged_one(bas
     damaged = dataclasses.replace(state, doses=dataclasses.replace(state.doses, counted=jnp.asarray(-0.5)))
     _, decision = step(guard, damaged, observe(90.0, basal))
     assert float(decision.insulin_mU_min) == pytest.approx(basal, rel=1e-6)
+
+
+def test_damaged_memory_with_a_report_that_is_too_high_lasts_until_the_next_true_report():
+    """The guard does not cover this: the rate starts at the report, and then only falls to the basal rate."""
+    guard = guarded(Wants(rate=60.0))
+    state = guard.init(observe(100.0))
+    state = dataclasses.replace(state, doses=dataclasses.replace(state.doses, counted=jnp.asarray(3.0)))
+    report, rates = 130.0, []
+    for k in range(6):
+        state, decision = step(guard, state, observe(100.0 + 0.1 * k, report))
+        report = float(decision.insulin_mU_min)
+        rates.append(report)
+    np.testing.assert_allclose(rates, [66.9, 50.2, 33.5, BASAL, BASAL, BASAL])

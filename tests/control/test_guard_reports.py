@@ -67,7 +67,7 @@ def parts(route, every):
 
 
 def rising(n, every):
-    """Readings that are believed and call for much insulin."""
+    """Readings that are accepted and call for much insulin."""
     return SETPOINT + np.minimum(2.0 * every * np.arange(n), 400.0) + 0.1 * (np.arange(n) % 2)
 
 
@@ -156,7 +156,7 @@ GAP = GuardSettings(gap_min=20.0, long_gap_min=90.0, reduced_fraction=0.5)
 
 @pytest.mark.parametrize("rate", [0.0, 0.3 * BASAL, 0.9 * BASAL, 60.0])
 def test_doubt_never_adds_insulin_until_the_long_gap_has_passed(rate):
-    """Without a believed reading the dose is at most that of the controller, which may be nothing, for 90 min."""
+    """Without an accepted reading the dose is at most that of the controller, which may be nothing, for 90 min."""
     before = [150.0 + 0.1 * (k % 2) for k in range(12)]
     blind = [np.nan, 900.0, 5.0] * 12
     doses, statuses, _ = follow(guarded(Wants(rate=rate), GAP), [*before, *blind])

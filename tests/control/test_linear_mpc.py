@@ -90,7 +90,7 @@ def test_without_limits_the_exact_program_is_the_closed_form(readings):
 
 
 def planned(tuning, error, delivered, dose):
-    """Least objective of any allowed plan that begins with this dose, the later moves by a general solver."""
+    """Minimum objective of any allowed plan that begins with this dose, the later moves by a general solver."""
     A, _ = plan_by_hand(tuning, S)
     first = dose - delivered
 

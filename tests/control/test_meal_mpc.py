@@ -223,7 +223,7 @@ def test_a_basal_rate_that_is_too_small_leaves_no_offset(quiet):
 def test_a_person_of_his_own_is_the_nominal_one_with_another_basal_rate_and_gain(calm):
     other = calm.for_person(20.0, 1.3, 1.5)
     assert float(other.model.insulin_mU_min) == 20.0
-    # nothing is done at rest, whatever the gain and the lag
+    # nothing is done at steady state, whatever the gain and the lag
     _, decision, _ = step(other, other.init(seen(SETPOINT, delivered=20.0)), seen(SETPOINT, delivered=20.0))
     assert abs(float(decision.insulin_mU_min) - 20.0) < 0.5
     # and of a rise by as much he needs less insulin

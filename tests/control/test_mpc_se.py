@@ -207,7 +207,7 @@ def test_an_estimated_disturbance_leaves_no_offset(kind, Q, setpoint):
 
 
 def held_or_not(Q, held):
-    """Offset at rest from the equations alone: where the plant, the filter and a plan without a move agree."""
+    """Offset at steady state from the equations alone: where the plant, the filter and a plan without a move agree."""
     Q = Q * np.eye(3)
     P = scipy.linalg.solve_discrete_are(PHI.T, C[:, None], Q, np.array([[1.45]]))
     K = P @ C / (C @ P @ C + 1.45)

@@ -58,11 +58,11 @@ def test_at_the_limit_it_does_not_wind_up():
 
 
 def test_noise_at_the_least_rate_brings_no_insulin_back_while_glucose_is_low():
-    """Made up to the least rate at each fall of a reading, the integral would climb with the noise."""
+    """Made up to the minimum rate at each fall of a reading, the integral would climb with the noise."""
     noisy = 65.0 + 6.0 * np.random.default_rng(0).standard_normal(300)
     for readings in (np.full(300, 65.0), noisy):
         doses, _ = follow(design_pid(PIDTuning(0.3, 120.0, 20.0)), readings, 10.0)
-        assert doses[60:].mean() < 2.0  # 17 to 19 where the integral starts anew at the least rate
+        assert doses[60:].mean() < 2.0  # 17 to 19 where the integral starts again at the minimum rate
 
 
 def delivered_at_most(controller, readings, most, start):
@@ -154,7 +154,7 @@ def test_on_a_first_order_plant_the_closed_loop_has_the_time_constant_asked_for(
 
         return jax.lax.scan(sample, (state, 0.0, 1000.0), None, length=1600)[1]
 
-    # It wakes before the setpoint changes, so that the proportional part answers too.
+    # It initialises before the setpoint changes, so that the proportional part answers too.
     glucose = np.asarray(run(controller.init(observe(100.0, 1000.0, 100.0))))
     left = 1.0 + glucose / 10.0
     np.testing.assert_allclose(left, np.exp(-T * np.arange(1, 1601) / closed), atol=2.0 * T / closed)

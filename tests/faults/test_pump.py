@@ -178,7 +178,7 @@ def test_without_an_episode_not_one_bit_changes(name):
     expected = delivered(ShakyPump(), SWING)
     np.testing.assert_array_equal(delivered(FAULTS[name](never(), ShakyPump()), SWING), expected)
     found = np.array(delivered(FAULTS[name](once(6, 3), ShakyPump()), SWING))
-    there = there_of(6, 4 if name == "battery gap" else 3)  # the pump then starts anew
+    there = there_of(6, 4 if name == "battery gap" else 3)  # the pump then starts again
     np.testing.assert_array_equal(found[:, ~there], np.array(expected)[:, ~there])
     assert np.all(found[0, there] != expected[0][there])
 

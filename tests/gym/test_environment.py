@@ -68,7 +68,7 @@ class Planned:
 @pytest.mark.long
 def test_gymnasium_finds_nothing_to_object_to():
     check_env(made().unwrapped, skip_render_check=True)  # of a window, which not every machine can open
-    other = made(patient="parker-1999", sensor=["ideal"], meals=["20g@30min"], truth=True)
+    other = made(patient="parker-1999", sensor=[], meals=["20g@30min"], truth=True)
     check_env(other.unwrapped, skip_render_check=True)
 
 
@@ -230,7 +230,7 @@ def test_observations_tell_what_happened():
 def test_a_guard_stands_between_agent_and_pump():
     doses = {}
     for guard in (False, True, "usual, max_hour=2"):
-        env = vector(1, guard=guard, sensor=["ideal"], meals=[])
+        env = vector(1, guard=guard, sensor=["ideal"], meals=[], announce_meals=False)
         env.reset(seed=0)
         doses[guard] = sum(env.step([[0.5, 20.0]])[4]["insulin_U"][0] for _ in range(6))
     assert doses[False] > 100.0

@@ -180,7 +180,7 @@ def test_a_record_behind_a_dead_time_gives_the_delayed_model():
         (PULSES, {"memory": 21}, "40 samples is too short for cross-correlation over 21 samples: at least 42"),
         (PULSES, {"laguerre_functions": 21}, "21 Laguerre functions are more than the 20"),
         (PULSES, {"laguerre_pole": 1.0}, "pole of 1.0 is not strictly between 0 and 1"),
-        (PULSES, {"starts_at_rest": False}, "takes the record to start at rest: use method='least-squares'"),
+        (PULSES, {"starts_at_rest": False}, "takes the record to start at steady state: use method='least-squares'"),
         (PULSES, {"basal_insulin_mU_min": -1.0}, "basal insulin rate is -1.0"),
         (PULSES, {"baseline_glucose_mg_dl": np.nan}, "baseline glucose is nan"),
         (record_of(np.zeros(40)), {}, "never leaves its basal rate.*design_csrs"),

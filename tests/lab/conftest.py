@@ -156,7 +156,7 @@ def corpus(data):
 
 
 def drawn(setting, rng):
-    """A value of a setting that the page offers, near the usual one."""
+    """A value of a setting that the page offers, near the default one."""
     low, high = (0.5 * setting["usual"] + 0.5 * setting[end] for end in ("least", "most"))
     value = float(rng.uniform(low, high))
     return round(value) if setting["whole"] else round(value, 2)

@@ -207,7 +207,7 @@ def test_links_give_the_numbers_of_node_and_say_what_they_are(in_node, corpus, t
         "This is the situation of the link.",
         f"The link was made by glucoloop 0.0.1, and this page is {__version__}; numbers may differ.",
         "The link was not used: the controller is 'fuzzy'; the known ones are: pid, imc, mpc, mpc-se. "
-        "This is the usual situation.",
+        "This is the default situation.",
         "Change anything; the picture follows at once.",
     ]
     assert shown[-1]["said"] == "This is the situation of the link."

@@ -18,6 +18,6 @@ def test_the_page_shows_the_numbers_of_the_sheets(in_node):
     assert len({name for name, _ in given}) == 6
     for (name, link), answer in zip(given, in_node([link for _, link in given]), strict=True):
         assert "refused" not in answer, f"{name}: {link}: {answer.get('refused')}"
-        for row, shown in (("Least glucose", "minimum_mg_dl"), ("Greatest glucose", "peak_mg_dl")):
+        for row, shown in (("Minimum glucose", "minimum_mg_dl"), ("Maximum glucose", "peak_mg_dl")):
             # a printed number is rounded to 0.1, and page and program agree to 0.02 mg/dl
             assert min(abs(number - answer["summary"][shown]) for number in printed(texts[name], row)) < 0.07, name

@@ -9,7 +9,6 @@ import math
 import re
 import subprocess
 import sys
-import tomllib
 import urllib.parse
 
 import pytest
@@ -22,6 +21,7 @@ from glucoloop.pages.script import PAGES
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from page_loops import run_of
 
 USUAL = {
     "patient": "parker-1999/setpoint-81",
@@ -122,9 +122,7 @@ def test_a_link_brings_back_its_situation(in_node, corpus):
 def test_the_usual_situation_is_that_of_a_run_without_options(in_node):
     [first, empty] = in_node([USUAL, "#"])
     assert first["trace"] == empty["trace"]
-    page = tomllib.loads(first["toml"])
-    assert page.pop("glucoloop") == "1.2.3"
-    assert configured(Run, page).tree(whole=True) == configured(Run).tree(whole=True)
+    assert run_of(first["toml"]).tree(whole=True) == configured(Run).tree(whole=True)
 
 
 def low_and_peak(answer):

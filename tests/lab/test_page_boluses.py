@@ -72,7 +72,7 @@ def test_a_model_lets_a_meal_begin_when_it_is_eaten(in_node):
     )
     boluses = [np.array(answer["trace"]["bolus_mU"]) for answer in (told, early, at_once)]
     assert [np.flatnonzero(of > 500.0)[0] for of in boluses] == [6, 6, 12]
-    # a meal that is taken for eaten at once, and does not appear, is believed to be a smaller one
+    # a meal that is taken for eaten at once, and does not appear, is accepted to be a smaller one
     peaks = [answer["summary"]["peak_mg_dl"] for answer in (told, early, at_once)]
     assert peaks[0] + 5.0 < peaks[1] < peaks[2] - 5.0
 

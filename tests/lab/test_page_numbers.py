@@ -45,7 +45,7 @@ from page_loops import TRACED, Loops, by_jax, numbers_of, run_of, side_by_side, 
 
 ARRAYS = ("Phi", "Gamma", "C")
 LONG_TEXT = 10_000
-SENTENCE = "the page's module is not made of these definitions; make it anew: python -m glucoloop.lab.build"
+SENTENCE = "the page's module is not made of these definitions; make it again: python -m glucoloop.lab.build"
 
 
 class Definition:
@@ -429,9 +429,9 @@ RUN = (("parker-1999", "pid", False), ("hovorka-2004", "mpc", False), ("wilinska
 def test_the_page_is_within_two_hundredths_of_a_mg_dl_with_the_arithmetic_of_a_run(groups, answers, runs, loops):
     """But for a few loops in which rounding decides.
 
-    A guard believes no reading that stays the same to its last digit. Without noise, a person at rest has such readings
-    or not by the last digit, and the same arithmetic changes as much when the person begins a part in 1e14 off the
-    setpoint.
+    A guard accepts no reading that stays the same to its last digit. Without noise, a person at steady state has such
+    readings or not by the last digit, and the same arithmetic changes as much when the person begins a part in 1e14 off
+    the setpoint.
     """
     decided_by_rounding = 0
     by_default = dict(zip(loops, traces_of(list(loops.values()), by_jax), strict=True))

@@ -5,7 +5,7 @@ import pytest
 
 from glucoloop.control import Status
 from glucoloop.metrics import summarise
-from glucoloop.metrics.catalogue import RESULTS
+from glucoloop.metrics.catalogue import default_results
 from glucoloop.pumps import PARKER_1999_LIMITS
 from made_trace import trace_of
 
@@ -119,7 +119,7 @@ def _by_arrays(trace, limits=PARKER_1999_LIMITS, lowest=60.0):
         "samples_suspended": samples_with(Status.SUSPENDED),
         "samples_dose_limited": samples_with(Status.DOSE_LIMITED),
     }
-    return {result.name: found.pop(result.name) for result in RESULTS if result.name in found} | found
+    return {result.name: found.pop(result.name) for result in default_results() if result.name in found} | found
 
 
 @pytest.fixture(scope="session")

@@ -3,11 +3,11 @@
 import numpy as np
 
 from glucoloop.metrics import Metrics
-from glucoloop.metrics.catalogue import RESULTS
+from glucoloop.metrics.catalogue import default_results
 
 
 def metrics_of(value, **changed):
-    names = [result.name for result in RESULTS]
+    names = [result.name for result in default_results()]
     return Metrics.of({name: np.asarray(changed.get(name, value)) for name in names})
 
 
@@ -30,7 +30,7 @@ def test_people_are_their_spread():
     assert lines[0].split() == ["5th", "pct.", "median", "95th", "pct.", "of", "101", "people"]
     by_title = {line[:31].strip(): line.split()[-4:] for line in lines}
     assert by_title["Undershoot"] == ["5.0", "50.0", "95.0", "mg/dl"]
-    assert by_title["Least glucose"] == ["5.0", "49.5", "94.0", "mg/dl"]
+    assert by_title["Minimum glucose"] == ["5.0", "49.5", "94.0", "mg/dl"]
 
 
 def test_nobody_with_a_number_is_told_too():

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from glucoloop.control.protocol import Status
 from glucoloop.metrics import summarise
-from glucoloop.metrics.catalogue import RESULTS
+from glucoloop.metrics.catalogue import default_results
 from glucoloop.pumps.limits import DoseLimits
 
 
@@ -152,7 +152,7 @@ def test_only_one_person_can_be_told_in_plain_numbers(make_trace):
 
 def test_plain_numbers_are_complete_and_survive_json(by_hand):
     found = summarise(by_hand).as_dict()
-    assert list(found) == [result.name for result in RESULTS]
+    assert list(found) == [result.name for result in default_results()]
     assert json.loads(json.dumps(found)) == found
     assert {type(value) for value in found.values()} == {float, int, bool}
 

@@ -49,7 +49,7 @@ SAME = {
         jnp.clip(x[0], x[1], 5.0),
         jax.lax.clamp(0.0, x[1], 2.0),
     ],
-    "largest and least of several": lambda x: [x.max(), x.min(), x.sum(), jnp.max(x, axis=0), jnp.nanmax(x)],
+    "largest and minimum of several": lambda x: [x.max(), x.min(), x.sum(), jnp.max(x, axis=0), jnp.nanmax(x)],
     "where the largest is": lambda x: [
         jnp.argmax(x),
         jnp.argmax(x > 1.0),

@@ -1,4 +1,4 @@
-"""Another weight: volumes and flows, and what follows at rest."""
+"""Another weight: volumes and flows, and what follows at steady state."""
 
 import dataclasses
 

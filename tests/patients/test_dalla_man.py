@@ -18,7 +18,7 @@ C = DallaManPatient.nominal
 
 
 def insulin_at_rest(rate_mU_min):
-    """Plasma insulin in pmol/l at rest, by the algebra of the linear balances."""
+    """Plasma insulin in pmol/l at steady state, by the algebra of the linear balances."""
     u = 6.0 * rate_mU_min / C["weight_kg"]
     m_30 = C["HE_b"] * C["m_1"] / (1.0 - C["HE_b"])
     return u / (C["m_2"] + C["m_4"] - C["m_1"] * C["m_2"] / (C["m_1"] + m_30)) / C["V_I"]

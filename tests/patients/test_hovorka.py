@@ -122,7 +122,9 @@ def test_state_is_split_and_joined_without_loss(nominal):
 
 def test_process_noise_is_that_of_glucose_and_insulin_in_the_units_of_each_state(nominal):
     Q = dict(zip(STATE_NAMES, nominal.process_noise(4.0, 9.0, 100.0), strict=True))
-    per_infusion = np.asarray(nominal.steady_state(1.0))  # insulin and its effects at rest are in proportion to it
+    per_infusion = np.asarray(
+        nominal.steady_state(1.0)
+    )  # insulin and its effects at steady state are in proportion to it
     scale = dict(zip(STATE_NAMES, per_infusion / per_infusion[STATE_NAMES.index("I")], strict=True))
     for name in ("S1", "S2", "I", "x1", "x2", "x3"):
         assert Q[name] == pytest.approx(9.0 * scale[name] ** 2)

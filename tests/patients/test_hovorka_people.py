@@ -44,7 +44,7 @@ def test_the_nominal_values_are_the_published_ones_and_make_the_nominal_person()
     assert nominal_values(WILINSKA_2010)["absorption_rate"] == 0.018
 
 
-PRINTED = {  # least and most, typed in from means and errors
+PRINTED = {  # minimum and most, typed in from means and errors
     "weight_kg": (65.0, 95.0),
     "A_G": (0.7, 1.2),
     "EGP_0": (0.012181, 0.020019),

@@ -1,4 +1,4 @@
-"""The Hovorka patient at rest: basal rates against published numbers and roots by SciPy."""
+"""The Hovorka patient at steady state: basal rates against published numbers and roots by SciPy."""
 
 import dataclasses
 
@@ -71,7 +71,7 @@ def test_nothing_changes_at_rest_and_the_rate_is_found_again(u, constants):
 @settings(max_examples=60)
 @given(st.floats(0.01, 400.0), st.sampled_from(EVERYBODY))
 def test_the_rate_for_a_glucose_is_the_root_that_scipy_finds(glucose, constants):
-    """At glucose on both sides of each threshold, the balance of plasma glucose with Q2 at rest."""
+    """At glucose on both sides of each threshold, the balance of plasma glucose with Q2 at steady state."""
     p = constants
     assume(glucose < 200.0 or "uptake_half" not in p)  # where those of 2010 rest without insulin is not far above
     V_G, V_I = p["V_G"] * p["weight_kg"], p["V_I"] * p["weight_kg"]

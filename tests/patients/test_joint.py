@@ -43,7 +43,7 @@ def test_logarithms_are_distributed_as_numpy_draws_them(by_numpy):
 
 
 def test_one_parameter_alone_is_a_truncated_normal():
-    """Drawing anew what lies beyond the bounds is the truncated distribution, whatever the number of attempts."""
+    """Drawing again what lies beyond the bounds is the truncated distribution, whatever the number of attempts."""
     one = JointVariation(parameters=("k_e",), mean=(0.14,), covariance=((0.035**2,),), lower=(0.13,), upper=(0.2,))
     drawn = draw(people(one), 2, np.arange(5000)).values["k_e"]
     of = scipy.stats.truncnorm((0.13 - 0.14) / 0.035, (0.2 - 0.14) / 0.035, 0.14, 0.035)

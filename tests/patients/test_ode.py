@@ -37,7 +37,7 @@ class Bergman(OdePatient):
 
 
 class Frozen(Bergman):
-    """The same without glucose below zero at all, so that every state beyond is at rest."""
+    """The same without glucose below zero at all, so that every state beyond is at steady state."""
 
     def derivative(self, t_min, x, inputs):
         rates = super().derivative(t_min, x, inputs)
@@ -45,7 +45,7 @@ class Frozen(Bergman):
 
 
 def at(c, insulin_mU_min):
-    """State at rest in closed form."""
+    """Steady state in closed form."""
     insulin = insulin_mU_min / 12.0 / c["n"]
     effect = c["p_3"] / c["p_2"] * insulin
     return np.array([c["p_1"] * c["G_b"] / (c["p_1"] + effect), effect, insulin])

@@ -165,5 +165,5 @@ def test_people_who_are_drawn_have_numbers(person):
 
 
 def test_who_is_drawn_anew_has_no_rows_to_be_drawn():
-    with pytest.raises(ValueError, match="boiroux2017 has no table of people, and is drawn anew; leave draw out"):
+    with pytest.raises(ValueError, match="boiroux2017 has no table of people, and is drawn again; leave draw out"):
         population("boiroux2017", patient="hovorka-2004").drawn_as("once")

@@ -63,8 +63,8 @@ def test_the_least_bolus_is_given_and_what_is_smaller_is_not():
 @pytest.mark.parametrize(
     ("settings", "told"),
     [({"step_U": 0.0}, "steps of 0 U"), ({"max_U": 0.01}, "up to 0.01 U"), ({"max_U": math.inf}, "up to inf U"),
-     ({"min_U": -1.0}, "least bolus of -1 U"), ({"min_U": 30.0}, "at most the largest, 25 U"),
-     ({"min_U": math.nan}, "least bolus of nan U")],
+     ({"min_U": -1.0}, "minimum bolus of -1 U"), ({"min_U": 30.0}, "at most the largest, 25 U"),
+     ({"min_U": math.nan}, "minimum bolus of nan U")],
 )  # fmt: skip
 def test_impossible_limits_are_refused_with_a_sentence(settings, told):
     with pytest.raises(ValueError, match=told):

@@ -104,7 +104,7 @@ def test_people_are_each_alone():
 
 @pytest.mark.parametrize("least", [-0.1, 67.0, math.nan, math.inf])
 def test_an_impossible_least_dose_is_refused(least):
-    with pytest.raises(ValueError, match=r"(least dose of|least_mU_min is) .* mU/min( is not possible)?; give"):
+    with pytest.raises(ValueError, match=r"(minimum dose of|least_mU_min is) .* mU/min( is not possible)?; give"):
         with_resolution(1.0, least_mU_min=least)
-    with pytest.raises(ValueError, match=r"least dose of 66.5 mU/min is not possible"):
+    with pytest.raises(ValueError, match=r"minimum dose of 66.5 mU/min is not possible"):
         with_resolution(1.0, least_mU_min=66.5)

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from glucoloop.metrics.control_variability import grid_counts
-from glucoloop.reporting.trial_report import (
+from glucoloop.storage.results import Results
+from glucoloop.studies.stress.study import NO_FAULT
+from glucoloop.studies.trial.report import (
     CaseReport,
     MetricDistribution,
     TrialReport,
     WorstPerson,
     ranges_pct,
 )
-from glucoloop.storage.results import Results
-from glucoloop.studies.stress.study import NO_FAULT
 from glucoloop.trials.quantiles import BAND_QUANTILES
 from glucoloop.tuning.surface import TuningSurface
 from made_trace import trace_of

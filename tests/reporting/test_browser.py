@@ -10,7 +10,7 @@ import pytest
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
 from glucoloop.metrics.readings import Readings, numbers_of
-from glucoloop.reporting import Repeat, interactive_page, trial_page
+from glucoloop.reporting import Repeat, interactive_page
 from glucoloop.reporting.record_goals import GOALS
 from glucoloop.reporting.record_groups import ReportedRecord
 from glucoloop.reporting.record_page import record_page
@@ -18,6 +18,7 @@ from glucoloop.reproduction.parker1999 import POINTS
 from glucoloop.reproduction.parker1999.comparison import ENTRIES, ComparedEntry, Reproduced
 from glucoloop.reproduction.parker1999.experiments import PointResults
 from glucoloop.reproduction.parker1999.study import page
+from glucoloop.studies.trial.page import trial_page
 from glucoloop.studies.tuning.study import _Searched, _surface_page
 from glucoloop.tuning.grid import tuning_grid
 from monitor_records import with_gaps
@@ -138,11 +139,11 @@ def test_a_run_can_be_hidden(seen):
 def test_pictures_are_told_in_words(seen, quiet, noisy):
     glucose, insulin = seen["runs", 390, "dark"]["pictures"]
     least = float(np.min(quiet.fine_glucose_mg_dl))
-    assert glucose.startswith(f"Glucose. calm, glucose: least {least:.1f} mg/dl at ")
+    assert glucose.startswith(f"Glucose. calm, glucose: minimum {least:.1f} mg/dl at ")
     most = float(np.max(noisy.insulin_mU_min))
-    assert f"wild, delivered: least 25.00 mU/min at 0 min, greatest {most:.2f} mU/min at 100 min" in insulin
+    assert f"wild, delivered: minimum 25.00 mU/min at 0 min, maximum {most:.2f} mU/min at 100 min" in insulin
     told = seen["trial", 1280, "light"]["pictures"]
-    assert any("90 % of the people: least" in text for text in told)
+    assert any("90 % of the people: minimum" in text for text in told)
 
 
 def test_who_has_no_script_is_told_where_the_numbers_are(seen):

@@ -257,7 +257,7 @@ def test_a_glucose_below_0_is_no_number(make_trace, drawn):
     curve = next(curve for curve in figure if curve.name == "glucose")
     assert np.nanmin(curve.values) >= 0.0
     assert not re.search(r"[-−]\d[\d.]*( mg/dl|</td>)", page.partition("<script>")[0])
-    least = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Least glucose")
+    least = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Minimum glucose")
     assert least.values == least.other == ["not valid"]
     undershoot = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Undershoot")
     assert undershoot.values == ["not valid"]

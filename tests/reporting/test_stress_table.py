@@ -38,7 +38,7 @@ def result(make_stress):
 def test_numbers_without_and_with_the_guard_stand_side_by_side(result):
     text = printed(stress_table(result))
     below = text[text.index("\n mpc") :]
-    # worse off, mean, worst, below 54, least, events, saturated, fallback, suspended
+    # worse off, mean, worst, below 54, minimum, events, saturated, fallback, suspended
     assert line(below, "stuck") == ["25|2", "2.8|0.8", "22|6.3", "11|3.1", "53|69", "45|13", "12|12", "6.7", "<0.1"]
     assert line(below, "late") == ["0|0", "0|0", "0|0", "0|0", "75|75", "0|0", "12|12", "6.7", "<0.1"]
     words = " ".join(text.split())

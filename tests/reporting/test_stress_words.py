@@ -247,3 +247,8 @@ def test_a_test_without_faults_says_so(make_stress):
 def test_as_many_people_are_named_as_can_be_read():
     assert _worse_people_text({"worse_people": [5, 3]}) == "5, 3"
     assert _worse_people_text({"worse_people": list(range(23))}).endswith("18, 19 and 3 more")
+
+
+def test_the_clock_of_a_long_run_counts_from_its_start():
+    fault = FAULTS.choose("missing, start_min=1500, duration_min=60")
+    assert when_in_words(fault, start_min=360.0) == "from day 2, 07:00, for 60 min"

@@ -12,7 +12,7 @@ from glucoloop.tuning.grid import tuning_grid
 
 @pytest.fixture
 def linear(surface_of):
-    """Two move horizons and three prediction horizons; the least sum rings, the next breaks a bound."""
+    """Two move horizons and three prediction horizons; the smallest sum rings, the next breaks a bound."""
     surface = surface_of(tuning_grid([1, 2], [2, 4, 8]), [10, 20, 30, 40, 50, 60])
     kept, rings = np.ones(6), np.zeros(6, bool)
     kept[1], rings[0] = 0.0, True

@@ -54,6 +54,16 @@ def test_runs_stand_side_by_side_under_their_labels(quiet, noisy):
     assert line(text, "Settling, 5 %")[-3:] == ["158", "551+", "min"]
 
 
+def test_moments_of_runs_of_days_are_days_and_clocks(make_trace):
+    t_min = np.arange(2 * 1440 + 1)
+    metrics = summarise(make_trace(100.0 + 10.0 * np.exp(-(((t_min - 2514.0) / 60.0) ** 2)) - 20.0 * (t_min == 600)))
+    text = printed(comparison_table({"pid": metrics}, start_min=450.0))
+    assert [words.split() for words in text.splitlines() if words.strip().startswith("at ")] == [
+        ["at", "600", "min"],
+        ["at", "day", "3,", "01:24"],
+    ]
+
+
 def test_a_pipe_gets_plain_text_no_wider_than_it_need_be(quiet):
     text = printed(metrics_table(summarise(quiet)), width=200)
     assert "\x1b" not in text

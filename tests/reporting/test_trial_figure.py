@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from glucoloop.reporting import plot_trial
-from glucoloop.reporting.trial_report import RANGES
+from glucoloop.studies.trial.figure import plot_trial
+from glucoloop.studies.trial.report import RANGES
 
 
 def texts(figure):

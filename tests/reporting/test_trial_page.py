@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from glucoloop.metrics.control_variability import grid_counts, zone_pct
-from glucoloop.reporting import trial_page
-from glucoloop.reporting.trial_report import RANGES, MetricDistribution
+from glucoloop.studies.trial.page import trial_page
+from glucoloop.studies.trial.report import RANGES, MetricDistribution
 from glucoloop.text import percent
 from glucoloop.units import MG_DL_PER_MMOL_L
 

@@ -1,6 +1,6 @@
 """The record of a trial."""
 
-from glucoloop.reporting.trial_report import RANGES, ranges_pct
+from glucoloop.studies.trial.report import RANGES, ranges_pct
 
 
 def test_times_that_include_one_another_are_told_apart():

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from glucoloop.metrics.catalogue import RESULTS
+from glucoloop.metrics.catalogue import default_results
 from glucoloop.patients.population import draw
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms
@@ -16,7 +16,7 @@ from glucoloop.trials.folder import trial_folder
 from glucoloop.trials.shard import compute_shard, edges
 from glucoloop.trials.trial import Trial
 
-METRIC_NAMES = [result.name for result in RESULTS]
+METRIC_NAMES = [result.name for result in default_results()]
 
 
 def pretend(trial):

@@ -70,7 +70,7 @@ def test_no_finite_dose_is_the_least_dose_and_is_told(of_person, answer):
 
 
 def test_the_brain_is_empty_at_rest_at_the_limit(patient_81):
-    """The limit is where the balances of the brain, at rest, leave its interstitial space without glucose."""
+    """The limit is where the balances of the brain, at steady state, leave its interstitial space without glucose."""
     p, x = patient_81.parameters, patient_81.steady_state(patient_81.basal_insulin_mU_min)
     limit = float(patient_81.lowest_valid_glucose_mg_dl)
     assert limit == pytest.approx(44.5, abs=0.05)

@@ -51,7 +51,7 @@ TRANSPORT = Population(
 
 @pytree
 class Lowest:
-    """A small fold: the least glucose on the fine grid, and what was announced."""
+    """A small fold: the minimum glucose on the fine grid, and what was announced."""
 
     def init(self, glucose_mg_dl, insulin_mU_min):
         return glucose_mg_dl, jnp.zeros_like(insulin_mU_min)
@@ -147,7 +147,7 @@ def plant_of(nominal, patient, grid):
 
 @jax.jit
 def plain_scan(loop, x, insulin, key, moments, told):
-    """Glucose, insulin and the least glucose between samples of one person."""
+    """Glucose, insulin and the minimum glucose between samples of one person."""
     state, reading_key = begin(loop, x, insulin, told[0], key)
 
     def on(state, entry):

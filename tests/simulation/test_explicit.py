@@ -185,7 +185,9 @@ def test_fast_rates_get_short_steps_or_are_refused():
         ValueError, match=r"2 steps per minute are too few for Linear, .* 10 per minute; give 5 or more"
     ):
         gl.simulate(linear(10.0), gl.design_open_loop(12.0), integrator=Explicit(2))
-    with pytest.raises(ValueError, match=r"fastest rate of Linear at rest is 500 per minute.* 209 steps .* adaptive"):
+    with pytest.raises(
+        ValueError, match=r"fastest rate of Linear at steady state is 500 per minute.* 209 steps .* adaptive"
+    ):
         gl.simulate(linear(500.0), gl.design_open_loop(12.0))
     with pytest.raises(ValueError, match="steps_per_min of 0 is not possible"):
         Explicit(0)

@@ -132,7 +132,7 @@ def test_sensitivity_of_one_half_is_a_patient_of_half_the_sensitivity():
 
 
 def more(person, insulin_mU_min, **changes):
-    """What changes add to the derivative at rest under a rate."""
+    """What changes add to the derivative at steady state under a rate."""
     inputs = Inputs(insulin_mU_min=jnp.asarray(insulin_mU_min), meal_mg_min=jnp.asarray(0.0))
     x = person.steady_state(insulin_mU_min)
     return np.asarray(paced(person, **changes).derivative(0.0, x, inputs) - person.derivative(0.0, x, inputs)), x
@@ -156,7 +156,7 @@ def test_production_that_is_added_is_a_mass_of_glucose(name, glucose, mg_per_kg)
 
 
 def test_basal_insulin_of_a_low_sensitivity_suppresses_production_less():
-    """Uptake too falls with the insulin that exceeds I_b, while what k_p1 has of the person at rest stays."""
+    """Uptake too falls with the insulin that exceeds I_b, while what k_p1 has of the person at steady state stays."""
     person = gl.patient("uva-padova-2008")
     c = {name: float(value) for name, value in person.parameters.items()}
     added, x = more(person, float(person.basal_insulin_mU_min), sensitivity=0.4)

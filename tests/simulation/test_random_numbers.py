@@ -45,7 +45,7 @@ def test_what_parts_of_this_package_draw_is_drawn_by_native_code():
     for keys in PARTS:
         around = surroundings_of(configured(Situation, keys))
         drawing = drawing_of(around.sensor, around.pump)
-        drawn += bool(drawing.wanted)
+        drawn += bool(drawing.results)
         lower_drawing(drawing, KEY, INDEX)
     assert drawn >= 9
 

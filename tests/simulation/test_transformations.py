@@ -120,7 +120,7 @@ INTEGRATORS = {"default": None, "adaptive": gl.Adaptive(), "explicit": gl.Explic
 
 
 def last_glucose(gain, effect, integrator, meal_model="lehmann-deutsch"):
-    """Glucose after a meal, of a person whose constants change what holds the person at rest."""
+    """Glucose after a meal, of a person whose constants change what holds the person at steady state."""
     person = Bergman.resting_at(90.0, p_3=1.3e-5 * effect)
     controller = gl.design_pid(gl.PIDTuning(gain, 150.0, 2.0), gl.dose_limits(max_mU_min=200.0))
     scenario = gl.Scenario([gl.Meal(50.0, 5.0)], 90.0, meal_model=meal_model)

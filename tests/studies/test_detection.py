@@ -44,7 +44,7 @@ def test_a_delay_ends_at_the_first_sample_above_the_threshold():
     eating = np.stack(
         [
             day(at=[30.0, 40.0, 45.0]),  # a false alarm, and then the meal
-            day(at=[35.0]),  # above it already, and not found anew
+            day(at=[35.0]),  # above it already, and not found again
             day(at=[35.0, 60.0]),
             day(at=[200.0, 205.0]),  # too late: the meal was over at 197 min
             day(at=[190.0]),

@@ -29,7 +29,7 @@ FIXED = {name: 1.0 for name, of in RANGES.items() if of.by_default}
 
 @pytest.fixture(scope="module", autouse=True)
 def _designed_at_once():
-    """The least controller with a number to tune in place of one whose design takes seconds."""
+    """The minimum controller with a number to tune in place of one whose design takes seconds."""
 
     def design_of(trial, case):
         del trial, case

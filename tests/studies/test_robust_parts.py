@@ -133,7 +133,7 @@ def test_tpe_learns():
             sampler.tell([trade(point) for point in asked])
         return np.sort([sum(told.values) for told in found])[:20].mean()
 
-    assert best("tpe") < 0.7 * best("random")  # the least sum is 2
+    assert best("tpe") < 0.7 * best("random")  # the smallest sum is 2
 
 
 def test_a_tuning_without_a_controller_is_told_too():

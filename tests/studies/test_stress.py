@@ -65,7 +65,7 @@ def test_faults_are_met_by_the_same_people_and_noise(asked, results):
     without = results[next(iter(_cells_of(asked))).label]
     for result in results.values():
         np.testing.assert_array_equal(result.basal_insulin_mU_min, without.basal_insulin_mU_min)
-    # a fault that begins at 60 min changes nothing before: the least glucose of a run at rest is the same
+    # a fault that begins at 60 min changes nothing before: the minimum glucose of a run at steady state is the same
     assert len({float(result.metrics["minimum_mg_dl"][0]) for result in results.values()}) > 4
 
 
@@ -77,7 +77,7 @@ def test_the_worst_person_is_simulated_again(asked, prepared, results):
     reason = reason_of(prepared, cell.label, person)
     least = float(minimum[person])
     if least < 60.0:
-        assert f"least {least:.1f} mg/dl" in reason
+        assert f"minimum {least:.1f} mg/dl" in reason
         assert "too high" in reason
     else:
         assert f"by {least - 60.0:.1f} mg/dl" in reason

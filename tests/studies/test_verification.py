@@ -46,7 +46,7 @@ def clock(until, age):
 
 
 def happened(**others):
-    """A sample at rest, but for what is given."""
+    """A sample at steady state, but for what is given."""
     told = {
         "x": REST,
         "reading": 81.1,

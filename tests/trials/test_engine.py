@@ -13,7 +13,7 @@ from glucoloop.build.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import summarise
-from glucoloop.metrics.catalogue import RESULTS
+from glucoloop.metrics.catalogue import default_results
 from glucoloop.patients.population import virtual_people
 from glucoloop.simulation import Exponential, simulate
 from glucoloop.situations.situation import configured
@@ -22,7 +22,7 @@ from glucoloop.trials.engine import prepare, run_people
 from glucoloop.trials.quantiles import glucose_edges, insulin_edges
 from glucoloop.trials.trial import Trial
 
-METRIC_NAMES = [result.name for result in RESULTS]
+METRIC_NAMES = [result.name for result in default_results()]
 
 NUMBERS = np.array([4, 11, 2, 4, 530, 300, 17, 902, 0])
 """With 120 mg/dl as setpoint no basal rate exists for the persons 11, 530 and 902."""

@@ -6,12 +6,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from glucoloop.metrics.catalogue import RESULTS
+from glucoloop.metrics.catalogue import default_results
 from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.trials.people import PeopleRows
 from glucoloop.trials.summary import DISTRIBUTIONS, MAX_NAMED, summarise_people
 
-METRIC_NAMES = [result.name for result in RESULTS]
+METRIC_NAMES = [result.name for result in default_results()]
 
 PEOPLE = 3000
 YES_OR_NO = frozenset(name for name in METRIC_NAMES if name.startswith("settled") or name.endswith("satisfied"))

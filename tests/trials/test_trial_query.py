@@ -15,6 +15,7 @@ from glucoloop.trials.computing import run_here
 from glucoloop.trials.folder import trial_folder
 from glucoloop.trials.query import trial_tables
 from glucoloop.trials.shard import compute_shard
+from peak_memory import command_and_peak_mib, needs_peak
 
 SUMMARY = {
     "controllers": {"mpc": {"metrics": {"gri": {"mean": 1.5, "p95": None}, "settled_2pct": {"share_pct": 50.0}}}}
@@ -178,18 +179,13 @@ def test_what_does_not_fit_in_memory_is_refused(finished, sql):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform != "linux", reason="the limit of a process is one of Linux")
+@needs_peak
 def test_the_process_of_a_question_stays_within_the_memory_that_is_promised(finished):
-    peak = "import resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1000, file=sys.stderr)"
-    ask = f"import sys, atexit; atexit.register(lambda: exec({peak!r})); "
-    ask += "from glucoloop.cli import main; main(sys.argv[1:])"
-    peaks = {}
-    for sql in ("select 1", "select repeat(chr(65), 2000000000)"):
-        done = subprocess.run([sys.executable, "-c", ask, "query", finished, sql], capture_output=True, text=True)
-        peaks[sql] = int(done.stderr.splitlines()[-1])
+    _, smallest = command_and_peak_mib("query", finished, "select 1")
+    done, peak = command_and_peak_mib("query", finished, "select repeat(chr(65), 2000000000)")
     assert "needs more than 1000 MB of memory" in done.stderr
     assert done.returncode == 2
-    assert max(peaks.values()) < min(peaks.values()) + 1000
+    assert peak < smallest + 1000.0
 
 
 def test_the_limit_of_memory_ends_with_the_block(finished):

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.control import MPCTuning, StateTuning
+from glucoloop.control.catalogue import tunable
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.search import TUNABLE, usual_filters
+from glucoloop.tuning.search import usual_filters
 
 
 @given(first=st.integers(0, 50), length=st.integers(0, 50), step=st.integers(1, 9))
@@ -23,7 +24,7 @@ def test_decimal_steps_are_exact(first, count, step, past):
     assert parse_numbers(text) == tuple((first + number * step) / 100 for number in range(count))
 
 
-@pytest.mark.parametrize("controller", TUNABLE)
+@pytest.mark.parametrize("controller", tunable())
 def test_usual_filters_of_a_controller_are_a_range(controller):
     text = usual_filters(controller, {"reference_filter": 0.57})
     filters = parse_numbers(text)

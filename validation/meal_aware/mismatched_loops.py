@@ -111,7 +111,7 @@ def designer(controller: str, settings: Mapping[str, Any] | None = None) -> Desi
 
 
 def mismatched_people(row: Mismatch, seed: int, runs: int) -> VirtualPeople:
-    """The people of a situation, at rest at its setpoint."""
+    """The people of a situation, at steady state at its setpoint."""
     table, number = population("parker2000"), np.arange(runs)
     if row.people == "parker2000":
         return virtual_people(table, seed, number, setpoint_mg_dl=row.setpoint_mg_dl)

@@ -63,7 +63,7 @@ class HedgedDoses:
     distinguished_after_min: float
     """Time from the start of the meal until the worlds are told apart; infinite if that is not within the run."""
     deviation_mg_dl: float
-    """Least value that was found for the largest deviation from the setpoint in the worse world."""
+    """Minimum value that was found for the largest deviation from the setpoint in the worse world."""
     meal: OptimalDoses
     """Doses and glucose in the world of the true meal."""
     other: OptimalDoses

@@ -115,12 +115,13 @@ def least_risk_doses(
     patient : Patient
         One person, who is known exactly, with exercise and rhythms.
     scenario : Scenario, optional
-        The 50 g oral glucose test by default. The patient starts at rest. Whether meals are announced does not matter.
+        The 50 g oral glucose test by default. The patient starts at steady state. Announcements do not matter.
     known_after_min : float
         Time at which each meal and its size become known, counted from its start, as in `optimal_doses`: 0, or
         `IN_ADVANCE` for all meals from the start of the run.
     start_mU_min : (samples,) array, optional
-        Doses from which the search begins, and than which what it finds is never worse; the rate at rest by default.
+        Doses from which the search begins, and than which what it finds is never worse; the rate at steady state by
+        default.
 
     Returns
     -------
@@ -230,7 +231,7 @@ class _Ahead:
 
 @compiled_by_class
 def _followed(ahead: _Ahead, doses: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """State after each sample, and glucose inside it, ``(samples, points)``, under multiples of the rate at rest."""
+    """State after each sample, and glucose inside it, ``(samples, points)``, under multiples of the basal rate."""
 
     def one(x: jax.Array, entry: tuple[jax.Array, Exogenous]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         after, inside = ahead.plant.advance(x, *entry)
@@ -254,7 +255,7 @@ def _linearised(ahead: _Ahead, doses: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def _least(ahead: _Ahead, start: Values, counted: int) -> tuple[Values, int]:
-    """Doses with the least index in the first samples, those to start from included, and the number of steps."""
+    """Doses with the minimum index in the first samples, those to start from included, and the number of steps."""
 
     def index(doses: Values) -> float:
         return _index(np.asarray(_followed(ahead, doses)[1])[:counted])
@@ -271,7 +272,7 @@ def _least(ahead: _Ahead, start: Values, counted: int) -> tuple[Values, int]:
 
 
 def _search(ahead: _Ahead, doses: Values, counted: int, weights: tuple[float, float, float]) -> tuple[Values, int]:
-    """Doses with the least mean price of the points in the first samples, and the number of steps."""
+    """Doses with the minimum mean price of the points in the first samples, and the number of steps."""
     from scipy.optimize import nnls  # a fifth of a second, and only for these bounds
 
     damping, free = _FIRST_LAMBDA, np.eye(doses.size)

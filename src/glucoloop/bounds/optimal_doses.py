@@ -2,8 +2,8 @@
 
 The method is direct single shooting: the rates at the samples are the unknowns, the simulation is carried along, and
 the limits of the pump are linear constraints. A first minimisation finds how small the deviation can be. Many plans
-come as close; a second minimisation takes the one with the least sum of squared moves and squared deviations at the
-samples, in mU/min and mg/dl, so that the plan is unique and realistic: with moves alone the least sum would leave
+come as close; a second minimisation takes the one with the smallest sum of squared moves and squared deviations at the
+samples, in mU/min and mg/dl, so that the plan is unique and realistic: with moves alone the smallest sum would leave
 glucose at the edge.
 
 References
@@ -75,12 +75,12 @@ class OptimalDoses:
     known_after_min: float
     objective: str
     bound: float
-    """Least value of the objective that was found, mg/dl, or (mg/dl)^2 for ``sse``."""
+    """Minimum value of the objective that was found, mg/dl, or (mg/dl)^2 for ``sse``."""
     deviation_mg_dl: float
     """Largest deviation from the setpoint under this plan; the second minimisation may have raised it by less than
     0.001 mg/dl."""
     undershoot_mg_dl: float
-    """Setpoint less the least glucose."""
+    """Setpoint less the minimum glucose."""
     peak_mg_dl: float
     settling_min: float
     """Time from the first meal until glucose stays within 2 % of the setpoint."""
@@ -126,7 +126,7 @@ def optimal_doses(
     patient : Patient
         One person.
     scenario : Scenario, optional
-        The 50 g oral glucose test by default. The patient starts at rest. Whether meals are announced does not matter.
+        The 50 g oral glucose test by default. The patient starts at steady state. Announcements do not matter.
     known_after_min : float
         Time at which each meal and its size become known, counted from its start: 0 is perfect information from its
         first minute, a negative value is knowledge in advance, and `IN_ADVANCE` from the start of the run. What is

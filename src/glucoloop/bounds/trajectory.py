@@ -42,7 +42,7 @@ class RunModel:
     minute_inputs: MinuteInputs
     """(samples, points) exercise and what a rhythm changes."""
     state: Values
-    """(states, 1) state at the start, at rest."""
+    """(states, 1) state at the start, at steady state."""
     grid: SampleGrid
     setpoint_mg_dl: float
     resting_mU_min: float

@@ -44,7 +44,7 @@ class AtRest(Protocol):
 
     @property
     def rest(self) -> Array:
-        """State of each at rest, ``(states, people)``."""
+        """State of each at steady state, ``(states, people)``."""
 
     @property
     def basal_insulin_mU_min(self) -> Array:

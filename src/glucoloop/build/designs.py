@@ -80,11 +80,11 @@ class SituationDesignCase:
         return dataclasses.replace(self, sensor_lag_min=lag_min) if lag_min else self
 
     def linearised(self) -> LinearModel:
-        """The patient linearised at rest at the setpoint."""
+        """The patient linearised at steady state at the setpoint."""
         return self._linear
 
     def nonlinear(self) -> FedModel:
-        """The equations of the patient, at rest at the setpoint."""
+        """The equations of the patient, at steady state at the setpoint."""
         return self._nonlinear
 
     # Kept, since a search designs many controllers on the same models.
@@ -105,7 +105,7 @@ class SituationDesignCase:
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
         """First-order model fitted to the response to a step.
 
-        For None the step is the usual one, and the dead time is fitted too.
+        For None the step is the default one, and the dead time is fitted too.
         """
         return fit_step(
             self.patient, step_mU_min=step_mU_min, delay_min=delay_min, sample_time_min=self.sample_time_min
@@ -226,7 +226,7 @@ def identified_model(
 
 
 def _pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
-    """Height of the pulses of the experiment: the usual one for the patient, but at most the basal rate."""
+    """Height of the pulses of the experiment: the default one for the patient, but at most the basal rate."""
     return min(situation.patient.pulse_mU_min, basal_insulin_mU_min)
 
 

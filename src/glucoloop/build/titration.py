@@ -1,6 +1,6 @@
 """Titration of carbohydrate ratio and correction factor on people themselves, many at once.
 
-Each person starts at rest under the basal rate, which is held:
+Each person starts at steady state under the basal rate, which is held:
 
 - the correction factor is the fall of glucose after a bolus of an hour's basal dose, from the start to the lowest
   glucose within five hours, per U of it;

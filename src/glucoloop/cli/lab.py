@@ -27,8 +27,8 @@ _OPTIONS: Final = (
     CommandOption(
         "population",
         "--population",
-        "People of the page in the place of the usual ones: a population, or a file, like those of glucoloop twin. The "
-        "page carries up to 200 of them.",
+        "People of the page in the place of the default ones: a population, or a file, like those of glucoloop twin. "
+        "The page carries up to 200 of them.",
         metavar="NAME",
     ),
     CommandOption("patient", "--patient", "Patient around whom the population is.", metavar="NAME"),

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 HELP: Final = (
     "Read the record of a person from files of sensors, pumps, apps and simulators.\n\n"
     "What a file is, is seen from what it holds: an export of Dexcom Clarity, LibreView, CareLink, Nightscout or "
-    "Tidepool, a file of a published data set or of a simulator, or any table whose columns are named. A folder or a ZIP "
-    "holds the files of a person; of a table of several people there is a record each. Everything that was "
+    "Tidepool, a file of a published data set or of a simulator, or any table whose columns are named. A folder or a "
+    "ZIP holds the files of a person; of a table of several people there is a record each. Everything that was "
     "changed or left out is told, with counts; what a file leaves open is asked for. Names and serial numbers are not "
     "read.\n\n"
     "  glucoloop records clarity.csv --out record.parquet\n\n"
@@ -217,7 +217,13 @@ RECORDS: Final = Command(
     "records",
     HELP,
     (
-        CommandOption("files", "FILE...", "Files of one person, a table of several people, or the address of a site.", metavar="FILE", many=True),
+        CommandOption(
+            "files",
+            "FILE...",
+            "Files of one person, a table of several people, or the address of a site.",
+            metavar="FILE",
+            many=True,
+        ),
         *_ANSWERS,
         *_SITE,
         CommandOption("out", "--out", "File for the record, in the format Parquet.", metavar="FILE"),

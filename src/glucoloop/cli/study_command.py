@@ -20,7 +20,6 @@ from glucoloop.cli.option import DASK, JSON, OUTPUT, SET, UNITS, WORKERS, Comman
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, Request, completed, notes_without_effect, request_of
 from glucoloop.cli.screen import note, print_json, print_text, show, stage, where_written
-from glucoloop.cli.trial_progress import Computing
 from glucoloop.display_units import in_shown_units, showing
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
@@ -30,6 +29,7 @@ from glucoloop.text import how_many
 if TYPE_CHECKING:
     from glucoloop.storage.results import Results
     from glucoloop.storage.resumable import ResumableFolder, Work
+    from glucoloop.trials.computing import Workers
     from glucoloop.trials.folder import TrialFolder
 
 F = TypeVar("F", bound="ResumableFolder")
@@ -78,7 +78,7 @@ def carry_out(study: Study, typed: Given) -> StudyOutcome:
     request = request_of(typed, study_options(study))
     read_root(study.request, request.tree)
     if isinstance(study, TrialStudy):
-        return _run_trial(study, request, Computing.of(typed))
+        return _run_trial(study, request, typed)
     if isinstance(study, SearchStudy):
         return _run_search(study, request)
     if isinstance(study, PlainStudy):
@@ -95,7 +95,7 @@ class StudyOutcome:
     files: Mapping[str, str]
     """Paths of the files by name."""
     written: str | None = None
-    """Sentence on the place of the files, where it differs from the usual one."""
+    """Sentence on the place of the files, where it differs from the default one."""
     interruption: str = ""
     """Sentence on what was done when the study was interrupted; empty for one that is whole."""
 
@@ -214,9 +214,11 @@ class _StudyRun:
         return results
 
 
-def _run_trial(study: TrialStudy, request: Request, where: Computing) -> StudyOutcome:
+def _run_trial(study: TrialStudy, request: Request, typed: Given) -> StudyOutcome:
+    from glucoloop.trials.computing import Workers
     from glucoloop.trials.folder import SHARDS, TrialFolder, trial_folder
 
+    workers = Workers.of(typed.get(WORKERS.key), typed.get(DASK.key))
     out = _needed_folder(study, request.output)
     _refuse_unusable(study, out, TrialFolder, SHARDS, overwrite=request.output.overwrite)
     run = _StudyRun.of(study, request)
@@ -231,7 +233,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> StudyOu
 
     def compute(folder: TrialFolder) -> Results:
         before = folder.people_done()
-        where.compute(folder)
+        _compute_shards(folder, workers)
         note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - start:.1f} s."])
         with stage("Summing up"):
             results: Results = module.results_of(run.config, folder)
@@ -242,6 +244,29 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> StudyOu
     return StudyOutcome(
         run, results, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}."
     )
+
+
+def _compute_shards(folder: TrialFolder, workers: Workers) -> None:
+    """Design the controllers of a trial and compute its missing shards, with its progress."""
+    from glucoloop.reporting.descriptions import engine_notes
+    from glucoloop.trials.computing import beginning
+    from glucoloop.trials.engine import prepare
+
+    missing = folder.missing()
+    if missing:
+        note([beginning(folder.trial)])
+    with stage("Designing controllers"):
+        prepared = prepare(folder.trial)
+    note(engine_notes(prepared.engines))
+    if not missing:
+        return
+    with contextlib.ExitStack() as stack:
+        with stage("Connecting to the cluster") if workers.dask else contextlib.nullcontext():
+            client = stack.enter_context(workers.cluster())
+        if client is not None and not client.nthreads():
+            note([f"No worker has come to {workers.dask} yet; waiting for one."])
+        more = stack.enter_context(counted(folder.trial.people, folder.people_done(), "people"))
+        workers.compute(prepared, folder, client, more)
 
 
 def _run_search(study: SearchStudy, request: Request) -> StudyOutcome:

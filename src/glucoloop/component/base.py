@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
+import sys
 import typing
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
@@ -33,7 +34,7 @@ WIRING: Final = "wiring"
 _RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", "sources", NONE)
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(usual,))
+@dataclass_transform(frozen_default=True, field_specifiers=(usual, dataclasses.field))
 class Component:
     """Something that a user names, with settings. Making one checks them.
 
@@ -76,7 +77,7 @@ class Component:
                 cls.name = name
             _inherit_annotations(cls)
             cls.summary = (vars(cls).get("__doc__") or "").partition("\n")[0].rstrip(".")
-            dataclasses.dataclass(frozen=True)(cls)
+            dataclasses.dataclass(frozen=True, repr=False, eq=False)(cls)
             for field in dataclasses.fields(cls):
                 if field.name in _RESERVED and field.name not in cls.may_have:
                     raise TypeError(
@@ -93,14 +94,17 @@ class Component:
         result: dict[str, Setting] | None = vars(cls).get("_settings")
         if result is None:
             result = {}
-            hints = typing.get_type_hints(cls, include_extras=True)
             for field in dataclasses.fields(typing.cast(Any, cls)):
                 if WIRING in field.metadata:
                     continue
-                if field.default is dataclasses.MISSING:
+                if field.default is not dataclasses.MISSING:
+                    value = field.default
+                elif field.default_factory is not dataclasses.MISSING:
+                    value = field.default_factory()
+                else:
                     raise TypeError(f"the setting {field.name} of {cls.__name__} has no default; give it one")
-                default = Default(field.default, field.metadata.get("noisy"))
-                result[field.name] = declared_setting(field.name, hints[field.name], default)
+                default = Default(value, field.metadata.get("noisy"))
+                result[field.name] = declared_setting(field.name, _annotation(cls, field.name), default)
             type.__setattr__(cls, "_settings", result)
         return result
 
@@ -111,7 +115,7 @@ class Component:
 
     @classmethod
     def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
-        """Usual settings for a route of insulin, where they differ from the defaults."""
+        """Default settings for a route of insulin, where they differ from the defaults."""
         return {}
 
     @classmethod
@@ -151,7 +155,7 @@ class Component:
         return self
 
     def completed(self, usual: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
-        """The part with a value for every setting: for those that were not given, the usual one or the default.
+        """The part with a value for every setting: for those that were not given, the default one or the default.
 
         Usual ones are values, or a `Default` that depends on noise. Settings that are at odds with one another are
         refused.
@@ -195,16 +199,41 @@ class Component:
     def __str__(self) -> str:
         return self.text
 
+    def __repr__(self) -> str:
+        values = (f"{name}={value!r}" for name, value in self._field_values().items())
+        return f"{type(self).__qualname__}({', '.join(values)})"
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return tuple(self._field_values().values()) == tuple(other._field_values().values())
+
+    def __hash__(self) -> int:
+        return hash(tuple(self._field_values().values()))
+
+    def _field_values(self) -> dict[str, Any]:
+        """Fields by name, by which two components are equal; written once here, for making the methods takes long."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(typing.cast(Any, self))}
+
 
 def _inherit_annotations(part: type[Component]) -> None:
     """A default that a class gives without a description is one of the setting that it inherits."""
     inherited = next((base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)), None)
     known = () if inherited is None else dataclasses.fields(typing.cast(Any, inherited))
     changed = [field.name for field in known if field.name in vars(part)]
-    if changed:
-        hints, new = (typing.get_type_hints(cls, include_extras=True) for cls in (inherited, part))
-        undescribed = [name for name in changed if not hasattr(new.get(name), "__metadata__")]
-        part.__annotations__ = {**inspect.get_annotations(part), **{name: hints[name] for name in undescribed}}
+    undescribed = [name for name in changed if not hasattr(_annotation(part, name), "__metadata__")]
+    if inherited is not None and undescribed:
+        described = {name: _annotation(inherited, name) for name in undescribed}
+        part.__annotations__ = {**inspect.get_annotations(part), **described}
+
+
+def _annotation(part: type[Any], name: str) -> Any:
+    """Annotation of a field, evaluated alone: those of other fields may name what imports JAX."""
+    base = next(base for base in part.__mro__ if name in inspect.get_annotations(base))
+    annotation = inspect.get_annotations(base)[name]
+    if isinstance(annotation, str):
+        return eval(annotation, vars(sys.modules[base.__module__]), dict(vars(base)))
+    return annotation
 
 
 def _with_article(noun: str) -> str:

@@ -1,8 +1,12 @@
-"""Every part of a kind by its name: those of this package, and those of others by entry point or ``module:Class``."""
+"""Every component of a kind by its name: those of this package, and those of others by entry point or ``module:Class``.
+
+An entry is a name and a place, so that nothing is imported for a list of names.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import importlib
+from collections.abc import Iterator, Mapping
 from typing import Any, Final, Generic, TypeVar
 
 from glucoloop.component.base import Component, read
@@ -34,27 +38,43 @@ HOMES: Final = {
 """Catalogue of each kind, as ``module:attribute``."""
 
 
-class Catalogue(dict[str, type[P]], Generic[P]):
-    """Parts of one kind by name; `find` adds those of other packages.
+class Catalogue(Mapping[str, type[P]], Generic[P]):
+    """Classes of the components of one kind by name, each imported when it is first used.
+
+    `find` adds those of other packages.
 
     Parameters
     ----------
     base : type
         Class of which each part is a subclass; its ``kind`` names the kind, and its entry points are in the group
         ``glucoloop.<kind>s``, with an underscore for a space.
-    parts : iterable of type
-        Parts of this package, the usual one first.
+    places : mapping of str to str
+        Place ``module:Class`` of each component of this package by its name, the default one first.
     example : str
         Text of a part, for messages.
     unnamed : bool
         Whether a text or a table without a name is one of the usual part.
     """
 
-    def __init__(self, base: type[P], parts: Iterable[type[P]], *, example: str, unnamed: bool = False) -> None:
-        super().__init__({part.name: part for part in parts})
+    def __init__(self, base: type[P], places: Mapping[str, str], *, example: str, unnamed: bool = False) -> None:
+        self._places = places
         self._base, self.example, self.unnamed = base, example, unnamed
         self._group = f"{base.kind.replace(' ', '_')}s"
         base.catalogue = self  # type: ignore[attr-defined]
+
+    def __getitem__(self, name: str) -> type[P]:
+        module, _, attribute = self._places[name].partition(":")
+        component: type[P] = getattr(importlib.import_module(module), attribute)
+        return component
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
 
     @property
     def usual(self) -> str:

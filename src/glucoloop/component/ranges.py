@@ -61,7 +61,7 @@ class Tuned:
 def parse_range(text: str, usual: Tuned) -> Tuned | float:
     """Range from a text: ``.1:2``, with both ends; or one number, which is fixed. Numbers may have their unit.
 
-    The usual range of the setting says whether its logarithm is searched.
+    The default range of the setting says whether its logarithm is searched.
     """
     unit = UNIT_BY_ENDING.get(ending_of(usual.name), "")
     numbers = [

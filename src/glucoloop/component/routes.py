@@ -57,7 +57,7 @@ _SLOW_TUNINGS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class Route:
-    """Usual values for insulin by one route."""
+    """Default values for insulin by one route."""
 
     pump: PumpRange
     memory_min: float

@@ -111,7 +111,7 @@ class Default:
 
 
 Tunings = Mapping[str, Mapping[str, Default]]
-"""Usual values of settings for a patient, by controller and setting, where they differ from the controller's own."""
+"""Default values of settings for a patient, by controller and setting, where they differ from the controller's own."""
 
 
 def usual(*, default: Any, noisy: Any) -> Any:

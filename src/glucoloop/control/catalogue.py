@@ -5,47 +5,36 @@ from __future__ import annotations
 from typing import Final
 
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.control.basal_bolus import BasalBolusSettings
-from glucoloop.control.imc import IMCSettings
-from glucoloop.control.linear_mpc import LinearMPCSettings
-from glucoloop.control.loop_like import LoopLike
-from glucoloop.control.meal_mpc import MealMPCSettings
-from glucoloop.control.mpc_se import MPCSESettings
-from glucoloop.control.nlqdmc_se import NLQDMCSettings
-from glucoloop.control.open_loop import OpenLoop
-from glucoloop.control.oref0.controller import Oref0Settings
 from glucoloop.control.part import ControllerComponent
-from glucoloop.control.pid import PIDSettings
-from glucoloop.control.pid_ifb import PIDIFB
-from glucoloop.control.profile_mpc import ProfileMPCSettings
 
-CONTROLLERS: Final[Catalogue[ControllerComponent]] = Catalogue(
+CONTROLLERS: Final = Catalogue(
     ControllerComponent,
-    (
-        LinearMPCSettings,
-        MPCSESettings,
-        NLQDMCSettings,
-        ProfileMPCSettings,
-        MealMPCSettings,
-        IMCSettings,
-        PIDSettings,
-        BasalBolusSettings,
-        OpenLoop,
-        Oref0Settings,
-        PIDIFB,
-        LoopLike,
-    ),
+    {
+        "mpc": "glucoloop.control.linear_mpc:LinearMPCSettings",
+        "mpc-se": "glucoloop.control.mpc_se:MPCSESettings",
+        "nlqdmc-se": "glucoloop.control.nlqdmc_se:NLQDMCSettings",
+        "profile-mpc": "glucoloop.control.profile_mpc:ProfileMPCSettings",
+        "meal-mpc": "glucoloop.control.meal_mpc:MealMPCSettings",
+        "imc": "glucoloop.control.imc:IMCSettings",
+        "pid": "glucoloop.control.pid:PIDSettings",
+        "basal-bolus": "glucoloop.control.basal_bolus:BasalBolusSettings",
+        "basal": "glucoloop.control.open_loop:OpenLoop",
+        "oref0": "glucoloop.control.oref0.controller:Oref0Settings",
+        "pid-ifb": "glucoloop.control.pid_ifb:PIDIFB",
+        "loop-like": "glucoloop.control.loop_like:LoopLike",
+    },
     example="mpc-se, move_horizon=2",
     unnamed=True,
 )
 DEFAULT_CONTROLLER: Final = CONTROLLERS.usual
-TUNABLE: Final = tuple(entry.name for entry in CONTROLLERS.values() if entry.tunable)
-"""Controllers of which `glucoloop tune` tries a grid."""
-SEARCHED: Final = next(entry for entry in CONTROLLERS.values() if entry.searched)
-"""The controller for which `glucoloop robust` searches a tuning."""
-ESTIMATING: Final = next(entry for entry in CONTROLLERS.values() if hasattr(entry, "estimator"))
+ESTIMATING: Final = "meal-mpc"
 """The controller whose estimators of meals `glucoloop detect` tries."""
-
-
+SEARCHED: Final = "meal-mpc"
+"""The controller for which `glucoloop robust` searches a tuning."""
 controller_entry: Final = CONTROLLERS.find
 """Function that returns a controller by name: of this package, of another one, or ``module:attribute``."""
+
+
+def tunable() -> tuple[str, ...]:
+    """Controllers of which `glucoloop tune` tries a grid."""
+    return tuple(name for name, entry in CONTROLLERS.items() if entry.tunable)

@@ -31,7 +31,7 @@ def is_known(observation: Observation) -> jax.Array:
 
 
 def is_of_a_person(glucose_mg_dl: jax.Array) -> jax.Array:
-    """Whether an estimate of glucose can be that of a person, so that the estimate need not begin anew; NaN cannot."""
+    """Whether an estimate of glucose can be that of a person, so that the estimate need not begin again; NaN cannot."""
     return (glucose_mg_dl >= _LOWEST_MG_DL) & (glucose_mg_dl <= _HIGHEST_MG_DL)
 
 

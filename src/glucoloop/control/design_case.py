@@ -60,15 +60,15 @@ class DesignCase(Protocol):
         """The same case with a sensor that lags, whose reading is one more state of its models; 0: no lag."""
 
     def linearised(self) -> LinearModel:
-        """The patient linearised at rest at the setpoint."""
+        """The patient linearised at steady state at the setpoint."""
 
     def nonlinear(self) -> FedModel:
-        """The equations of the patient, at rest at the setpoint."""
+        """The equations of the patient, at steady state at the setpoint."""
 
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
         """First-order model with dead time, fitted to the response to a lasting step of insulin.
 
-        For None the step is the usual one, and the dead time is fitted too.
+        For None the step is the default one, and the dead time is fitted too.
         """
 
     def process_noise(self, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
@@ -87,7 +87,7 @@ def check_sample_time(sample_time_min: float) -> None:
 
 
 def check_number(called: str, value: Any, unit: str = "", *, at_least: float | None = None) -> None:
-    """Refuse a number that is not finite, or not above 0, or less than the least; None and what JAX traces pass."""
+    """Refuse a number that is not finite, or not above 0, or less than the minimum; None and what JAX traces pass."""
     if value is None or is_traced(value):
         return
     if not (math.isfinite(value) and (value > 0.0 if at_least is None else value >= at_least)):

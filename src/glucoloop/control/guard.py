@@ -142,7 +142,7 @@ class Guard:
         )
 
     def init(self, observation: Observation) -> _GuardState:
-        """State at rest under the basal rate; the inner controller starts from the accepted part of the observation."""
+        """Steady state under the basal rate; the inner controller starts from the accepted part of the observation."""
         reported = observation.delivered_mU_min
         lowest, highest = self.limits.min_mU_min, self.limits.max_mU_min
         start = jnp.where(self._is_rate(reported), reported, lowest)

@@ -171,7 +171,7 @@ def repaired_doses(
     highest_mU_min: jax.Array | float,
     before_mU_min: jax.Array | float,
 ) -> DoseHistory:
-    """Replace every impossible number of this state by the one that allows the least insulin.
+    """Replace every impossible number of this state by the one that allows the minimum insulin.
 
     `basal_mU_min` is NaN for a guard built without a basal rate, `most_mU_min` the highest rate that may be reported,
     and `before_mU_min` one from which the pump comes down to the highest that may be asked for.

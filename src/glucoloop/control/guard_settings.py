@@ -55,7 +55,7 @@ OF_ROUTE: Final[dict[str, dict[str, float]]] = {
         "profile_span": 3.0,
     },
 }
-"""Usual settings by route of insulin, where they differ from the setting's own default, which is for a vein."""
+"""Default settings by route of insulin, where they differ from the setting's own default, which is for a vein."""
 
 
 class GuardSettings(Component, name="usual"):
@@ -142,7 +142,7 @@ class GuardSettings(Component, name="usual"):
 
     @classmethod
     def for_route(cls, insulin_route: str) -> GuardSettings:
-        """Usual limits for a route of insulin, ``"intravenous"`` or ``"subcutaneous"``; see `OF_ROUTE` for sources.
+        """Default limits for a route of insulin, ``"intravenous"`` or ``"subcutaneous"``; see `OF_ROUTE` for sources.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class GuardSettings(Component, name="usual"):
 
     @classmethod
     def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
-        """Usual limits for a route of insulin, where they differ from the defaults."""
+        """Default limits for a route of insulin, where they differ from the defaults."""
         return OF_ROUTE[insulin_route]
 
     def __post_init__(self) -> None:
@@ -178,7 +178,12 @@ class GuardSettings(Component, name="usual"):
             )
 
 
-GUARDS: Final = Catalogue(GuardSettings, (GuardSettings,), example="usual, max_hour=2", unnamed=True)
+GUARDS: Final = Catalogue(
+    GuardSettings,
+    {"usual": "glucoloop.control.guard_settings:GuardSettings"},
+    example="usual, max_hour=2",
+    unnamed=True,
+)
 
 
 class Guarded(Protocol):

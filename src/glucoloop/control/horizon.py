@@ -21,7 +21,7 @@ from glucoloop.refusal import Refusal
 Floats: TypeAlias = "npt.NDArray[np.float64]"
 
 MIN_SHARE: Final = 0.05
-"""Least share of its gain that the response of a model has at the horizon.
+"""Minimum share of its gain that the response of a model has at the horizon.
 
 Linear MPC with 50 g of glucose, on models identified from hovorka-2004 and wilinska-2010 without noise: with 1.8 % (18
 samples of wilinska-2010) glucose falls to 47 to 63 mg/dl for move weights of 0 to 3, with 3 to 4.1 % to 33 to 78, and
@@ -29,8 +29,8 @@ from 5.4 % on a move weight of 1 or 3 keeps it at 76 or above. Without a move we
 65 with 11 %, and to 74 with 20 %.
 """
 DEFAULT_SHARE: Final = 0.3
-"""Share at the usual horizon, with which glucose stays at 84 mg/dl or above without a move weight. The paper's horizons
-of 7 and 8 samples see as much of its patient.
+"""Share at the default horizon, with which glucose stays at 84 mg/dl or above without a move weight. The paper's
+horizons of 7 and 8 samples see as much of its patient.
 """
 
 Tuning = TypeVar("Tuning", bound=MPCTuning)
@@ -48,7 +48,7 @@ def linear_response(model: LinearModel) -> tuple[Any, Any]:
 
 
 def response_at_rest(model: NonlinearModel) -> tuple[Any, Any]:
-    """Step response and gain of a nonlinear model, linearised at rest."""
+    """Step response and gain of a nonlinear model, linearised at steady state."""
     linear = linearise(model.derivative, model.glucose_mg_dl, model.state, model.insulin_mU_min)
     return linear_response(discretise(linear, model.sample_time_min))
 

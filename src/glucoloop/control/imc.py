@@ -86,7 +86,7 @@ class IMC:
         }
 
     def init(self, observation: Observation) -> _IMCState:
-        """State of a controller at rest under the delivered rate."""
+        """State of a controller at steady state under the delivered rate."""
         delivered = rate_at_start(observation, self.limits.min_mU_min)
         zero = jnp.zeros_like(delivered)
         return _IMCState(

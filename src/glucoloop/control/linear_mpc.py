@@ -92,7 +92,7 @@ class LinearMPC:
         return dataclasses.replace(self, step_response=longer, realisation=after, plan=self.plan.padded(moves, horizon))
 
     def init(self, observation: Observation) -> _LinearMPCState:
-        """State of a controller at rest under the delivered rate, with glucose at the first reading."""
+        """State of a controller at steady state under the delivered rate, with glucose at the first reading."""
         reading, after = observation.glucose_mg_dl, self.realisation
         return _LinearMPCState(
             free_response=jnp.zeros((self.step_response.shape[0], *reading.shape), reading.dtype),
@@ -134,8 +134,8 @@ class LinearMPC:
 def _remembered(step_response: Any, realisation: Realisation | None, horizon: int) -> tuple[Any, Realisation | None]:
     """Coefficients that a controller keeps one by one, and the realisation of the response after them.
 
-    A response without a realisation is kept whole. Otherwise the controller keeps the least number that the prediction
-    horizon and the realisation need.
+    A response without a realisation is kept whole. Otherwise the controller keeps the minimum number that the
+    prediction horizon and the realisation need.
     """
     if realisation is None:
         return extended(step_response, None, horizon + 1), None

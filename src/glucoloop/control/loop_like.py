@@ -57,7 +57,7 @@ _TEMPORARY_BASAL_MIN: Final = 30.0
 _BOLUS_SHARE: Final = 0.4
 """Share of the correction that is given as an automatic bolus."""
 _READINGS: Final = 3
-"""Least number of readings of a slope."""
+"""Minimum number of readings of a slope."""
 _MAX_MG_DL: Final = 1000.0
 """Largest glucose; no sensor reads more."""
 _SLACK: Final = 1.01
@@ -145,9 +145,9 @@ class LoopLike(OfPerson, name="loop-like"):
 
     The forecast of glucose is the reading and the sum of the effects of insulin that is still to act, of meals that are
     still absorbed, of the changes of the last 30 min that these do not explain, which fade within an hour, and of the
-    slope of the last 15 min, which fades into the other effects in as long. The dose is the least by which no forecast
-    is above its target, where eventual glucose is above the range; the target goes from the suspend threshold to the
-    setpoint in the second half of the action of insulin. Forecast glucose below the threshold suspends insulin.
+    slope of the last 15 min, which fades into the other effects in as long. The dose is the minimum by which no
+    forecast is above its target, where eventual glucose is above the range; the target goes from the suspend threshold
+    to the setpoint in the second half of the action of insulin. Forecast glucose below the threshold suspends insulin.
 
     ====================  ====================================================================  ====================
     dose                  value                                                                 ``dosing``
@@ -401,7 +401,7 @@ def _column(values: npt.NDArray[np.float64], like: jax.Array) -> jax.Array:
 _RISES_TO: Final = 0.15
 _FALLS_FROM: Final = 0.5
 _RATE: Final = 2.0 / (1.0 + _FALLS_FROM - _RISES_TO)
-"""Greatest rate, in meals per absorption time, by which all of the meal is absorbed."""
+"""Maximum rate, in meals per absorption time, by which all of the meal is absorbed."""
 
 
 def rate_of_absorption(x: jax.Array) -> jax.Array:

@@ -79,7 +79,7 @@ _CAUTIOUS_VARIANCE: Final = 5.0
 _LASTING_DOUBT: Final = 0.1
 """Added to the variance P (1 - P) of whether there is a meal: also of a certain one the end and the speed are not."""
 _LASTS_MIN: Final = 120.0
-"""Time at rest, in min, after which most of a steady unexplained appearance counts as lasting."""
+"""Time at steady state, in min, after which most of a steady unexplained appearance counts as lasting."""
 _LARGEST_LASTING_MG_MIN: Final = 100.0
 _AT_REST_MG_DL: Final = 5.0
 """Distance from the setpoint, in mg/dl, at which a lasting appearance is learned at half its pace."""
@@ -239,7 +239,7 @@ class _MealMPCState:
     planned: jax.Array
     """(m,) moves planned for the coming sample and those after it, along which the model is linearised."""
     lasting_mg_min: jax.Array
-    """Unexplained appearance at rest, such as a wrong basal rate leaves, from 0: it does not stop at once."""
+    """Unexplained appearance at steady state, such as a wrong basal rate leaves, from 0: it does not stop at once."""
     to_come: MealsToCome | None = None
     """Announced meals that are still to be eaten; None where observations tell no time of eating."""
 
@@ -263,7 +263,7 @@ class MealMPC:
     model: IndividualModel
     estimator: MealEstimator
     expected: Expectation
-    """Expectation of the estimator about meals at rest."""
+    """Expectation of the estimator about meals at steady state."""
     ends: jax.Array
     """Probability that a meal under way ends in a sample."""
     output_weight: jax.Array | float
@@ -312,7 +312,7 @@ class MealMPC:
         return {"move_horizon": self.move_horizon, "prediction_horizon": self.prediction_horizon}
 
     def init(self, observation: Observation) -> _MealMPCState:
-        """State of a controller at rest under the delivered rate; unexplained glucose counts as a disturbance."""
+        """Steady state under the delivered rate; unexplained glucose counts as a disturbance."""
         known, delivered = is_known(observation), rate_at_start(observation, self.model.insulin_mU_min)
         delivered = jnp.clip(delivered, self.limits.min_mU_min, self.limits.max_mU_min)
         sensed = Sensed(
@@ -380,7 +380,7 @@ class MealMPC:
         return state, decide(wanted, delivered, self.limits, known, converged), estimate
 
     def _learned(self, lasting: jax.Array, estimate: MealEstimate, setpoint: jax.Array, known: jax.Array) -> jax.Array:
-        """The lasting appearance a sample later, which nears the unexplained one while the person is at rest.
+        """The lasting appearance a sample later, which nears the unexplained one while the person is at steady state.
 
         Rest is glucose near the setpoint, an empty gut, no meal, and insulin that arrives.
         """
@@ -526,8 +526,8 @@ def design_meal_mpc(
     subject to the pump's rate and magnitude limits at every planned move; G and G_end are linearised along the plan.
     An announced meal is served in both forecasts. A known dead time is bridged by predicting from the moment that the
     reading speaks of, under the rates that were delivered since. A lasting error of the model is estimated as an
-    appearance of glucose and goes on in the forecast. What of it stays for hours at rest is learned and no longer
-    doubted, so that no offset is left but what `anticipation` asks for, as long as the error is within what the
+    appearance of glucose and goes on in the forecast. What of it stays for hours at steady state is learned and no
+    longer doubted, so that no offset is left but what `anticipation` asks for, as long as the error is within what the
     estimator believes: a basal rate that is far too small is taken for insulin that does not arrive.
 
     ============  ===========================================================  ======

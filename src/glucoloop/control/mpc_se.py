@@ -106,7 +106,7 @@ class MPCSE:
     kalman_gain: jax.Array
     """(n,) steady Kalman gain in filter form."""
     rest: jax.Array
-    """(n,) state at rest per unit of insulin."""
+    """(n,) steady state per unit of insulin."""
     free_state: jax.Array
     """(p, n) free response to the estimate, ``C Phi^i``."""
     free_input: jax.Array
@@ -156,7 +156,7 @@ class MPCSE:
         return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
 
     def init(self, observation: Observation) -> _MPCSEState:
-        """State of a controller at rest under the delivered rate."""
+        """State of a controller at steady state under the delivered rate."""
         delivered = rate_at_start(observation, self.basal_mU_min)
         return _MPCSEState(
             estimate=jnp.multiply.outer(self.rest, delivered - self.basal_mU_min),
@@ -383,7 +383,7 @@ class FilteredModels:
     kalman_gain: Matrix
     """(n, people) Kalman gains in filter form."""
     rest: Matrix
-    """(n, people) state at rest per unit of insulin."""
+    """(n, people) steady state per unit of insulin."""
 
 
 def mpc_se_of_people(

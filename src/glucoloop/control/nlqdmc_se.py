@@ -39,7 +39,7 @@ from glucoloop.refusal import Refusal
 
 
 class NLQDMCSettings(FilterTuning, name="nlqdmc-se"):
-    """Predictive control on the nonlinear patient, linearised anew at each sample, with a Kalman filter."""
+    """Predictive control on the nonlinear patient, linearised again at each sample, with a Kalman filter."""
 
     sources = ("parker1999", "gattu1992")
     uses_model: ClassVar = False
@@ -90,7 +90,7 @@ class NLQDMC:
     process_noise: jax.Array
     """(n, n) covariance Q of the process noise."""
     covariance: jax.Array
-    """Lower triangle of the prediction covariance at rest, as the state has it."""
+    """Lower triangle of the prediction covariance at steady state, as the state has it."""
     measurement_variance: jax.Array | float
     reference: jax.Array
     """(p,) factors ``phi_r^(i-s)`` of the reference."""
@@ -142,7 +142,7 @@ class NLQDMC:
         return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
 
     def init(self, observation: Observation) -> _NLQDMCState:
-        """State of a controller at rest at the model's operating point."""
+        """State of a controller at steady state at the model's operating point."""
         basal = self.model.insulin_mU_min + self.beyond_model_mU_min
         delivered = rate_at_start(observation, basal)
         sensor = None if self.noise_pace is None else no_error(delivered)
@@ -255,7 +255,7 @@ def design_nlqdmc_se(
     floor_weight: float = NLQDMCSettings.floor_weight,
     noise_pace: float = NLQDMCSettings.noise_pace,
 ) -> NLQDMC:
-    """Predictive control on a nonlinear model that is linearised anew at each sample.
+    """Predictive control on a nonlinear model that is linearised again at each sample.
 
     At each sample the model is linearised at the predicted state and the rate in force. The Kalman gain K belongs to a
     prediction covariance that is carried along, by four steps of the Riccati equation of the linearisation at each

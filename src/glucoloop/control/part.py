@@ -101,7 +101,7 @@ class ControllerComponent(PytreeComponent):
     `padded` as `control.LinearMPC` has them."""
     reference_filters: ClassVar[str | None] = None
     """Range of the setting ``reference_filter`` that `glucoloop tune` tries unless another one is given, like
-    ``.3:.8:.05``; without it, the usual value alone."""
+    ``.3:.8:.05``; without it, the default value alone."""
     gives_boluses: ClassVar[bool] = False
     """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
     used: ClassVar[frozenset[Need]] = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, CHANCE})
@@ -127,7 +127,7 @@ class ControllerComponent(PytreeComponent):
 
     @classmethod
     def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
-        """Usual settings for a route of insulin, where they differ from the defaults, for readings without noise."""
+        """Default settings for a route of insulin, where they differ from the defaults, for readings without noise."""
         return {name: usual.noise_free for name, usual in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
 
     def uses(self) -> frozenset[Need]:

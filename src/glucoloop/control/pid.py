@@ -1,7 +1,7 @@
 """PID control whose integral never winds up, tuned by hand or from a first-order model with dead time.
 
 K. J. Astrom, L. Rundqwist, "Integrator windup and how to avoid it", Proc. American Control Conference, 1989, 1693-1698
-(back-calculation at the greatest rate of the pump, conditional integration at the least and where a guard cuts).
+(back-calculation at the maximum rate of the pump, conditional integration at the minimum and where a guard cuts).
 D. E. Rivera, M. Morari, S. Skogestad, "Internal model control. 4. PID controller design", Ind. Eng. Chem. Process Des.
 Dev. 25(1), 1986.
 """
@@ -172,8 +172,8 @@ class PID:
     def step(self, state: _PIDState, observation: Observation) -> tuple[_PIDState, Decision]:
         """Add up the three parts.
 
-        At the greatest rate of the pump the integral becomes what makes up that rate, so that it is left as soon as
-        glucose turns. At the least rate it only waits: if it made up that rate, each fall of a noisy reading would
+        At the maximum rate of the pump the integral becomes what makes up that rate, so that it is left as soon as
+        glucose turns. At the minimum rate it only waits: if it made up that rate, each fall of a noisy reading would
         raise it, and insulin would come back while glucose is low. Where less or more was delivered than was asked for,
         as by a guard or the limit of change, it goes no further that way, and forgets nothing.
         """
@@ -211,8 +211,8 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
 
         K_c e_k + I_k + K_c (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_c (T / T_I) e_k
 
-    The integral part ``I`` begins with the rate in force. Beyond the greatest rate of the pump it starts anew from that
-    rate, so that it never winds up. Below the least rate, and where a guard or the limit of change cuts a dose, it
+    The integral part ``I`` begins with the rate in force. Beyond the maximum rate of the pump it starts again from that
+    rate, so that it never winds up. Below the minimum rate, and where a guard or the limit of change cuts a dose, it
     waits: it goes no further that way until the cut ends, and forgets nothing.
 
     ============  =========================  ====

@@ -106,7 +106,7 @@ class ProfileMPCSettings(ByProfile, name="profile-mpc"):
     ] = True
     gut_min: Annotated[
         float,
-        About("Longest time from eating to the largest appearance of glucose that is believed, in minutes.", above=0.0),
+        About("Longest time from eating to the largest appearance of glucose that is accepted, in minutes.", above=0.0),
     ] = 36.0
     gut_error_pct: Annotated[
         float,
@@ -430,9 +430,9 @@ def design_profile_mpc(
     Parameters
     ----------
     nominal : NonlinearModel
-        Equations of the nominal person, at rest.
+        Equations of the nominal person, at steady state.
     linear : LinearModel
-        The same linearised at rest, with the appearance of a meal as its disturbance.
+        The same linearised at steady state, with the appearance of a meal as its disturbance.
     profile : Profile
         Profile of the person; see `models.profiled` for what is not known of the person.
     settings : ProfileMPCSettings

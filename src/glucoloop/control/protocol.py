@@ -75,14 +75,14 @@ _STATUS_TEXTS = {
     Status.NON_FINITE: "The computation gave no possible number; the last dose was kept. Check the model.",
     Status.READING_REJECTED: (
         "The guard did not believe this reading, which is out of range, too fast or stuck; "
-        "until one is believed it gives at most the basal rate. Check the sensor."
+        "until one is accepted it gives at most the basal rate. Check the sensor."
     ),
     Status.FALLBACK_BASAL: (
-        "No reading could be believed for longer than the guard's gap (20 min, if not set otherwise); "
+        "No reading could be accepted for longer than the guard's gap (20 min, if not set otherwise); "
         "the guard gives at most the basal rate, and no bolus. Check the sensor, and glucose by another means."
     ),
     Status.FALLBACK_REDUCED: (
-        "No reading could be believed for longer than the guard's long gap (90 min, if not set otherwise); "
+        "No reading could be accepted for longer than the guard's long gap (90 min, if not set otherwise); "
         "the guard gives a part of the basal rate. Check glucose by another means, and replace the sensor."
     ),
     Status.SUSPENDED: (
@@ -95,11 +95,11 @@ _STATUS_TEXTS = {
         "the guard gives the largest dose that it allows. Check glucose if this lasts."
     ),
     Status.RESTARTED: (
-        "The controller's memory or dose was no possible number; the guard started it anew and gives the basal "
+        "The controller's memory or dose was no possible number; the guard started it again and gives the basal "
         "rate for this sample. Check the model."
     ),
     Status.NO_FINITE_DOSE: (
-        "The controller answered no finite dose; the pump went toward its least rate. Check the controller's code."
+        "The controller answered no finite dose; the pump went toward its minimum rate. Check the controller's code."
     ),
     Status.NO_ANSWER: (
         "The controller did not answer in time; the pump gives its fallback rate, at most the basal rate at first and "

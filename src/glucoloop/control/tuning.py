@@ -131,7 +131,7 @@ class FilterTuning(StateTuning):
 
 
 NOISE_FREE: Final = MPCTuning(move_horizon=2, prediction_horizon=8, output_weight=1.0, move_weight=0.0)
-"""Tuning of Sec. IV with the least sum of squared errors without noise."""
+"""Tuning of Sec. IV with the smallest sum of squared errors without noise."""
 NOISY: Final = MPCTuning(move_horizon=2, prediction_horizon=10, output_weight=3.0, move_weight=1.0)
 """Tuning of Sec. IV for noise of variance 1.45."""
 

@@ -6,9 +6,9 @@ sensor and the time constant of the gut have a covariance. Meals nobody announce
 the gut, so that a rise is taken for a meal that goes on as meals do; an announced meal enters both, the content with
 what was counted and the covariance with the error of counting.
 
-The time constant is the person's own and is learned, from meal to meal, as a share of the usual one: with a gut of one
-speed, a meal that appears fast is taken for a larger meal. It is never believed to be longer than the usual one, since
-glucose that rises for longer than a meal should is then taken for the tail of a meal, and gets insulin for hours.
+The time constant is the person's own and is learned, from meal to meal, as a share of the default one: with a gut of
+one speed, a meal that appears fast is taken for a larger meal. It is never accepted to be longer than the default one,
+since glucose that rises for longer than a meal should is then taken for the tail of a meal, and gets insulin for hours.
 
 References
 ----------
@@ -29,7 +29,7 @@ from glucoloop.units import MG_PER_G
 SAMPLE_MIN: Final = 5.0
 """Time in which the noise of the settings comes in."""
 _FASTEST: Final = -1.0
-"""Least logarithm of the time of a gut, relative to the usual one, that is believed."""
+"""Minimum logarithm of the time of a gut, relative to the default one, that is accepted."""
 
 
 @pytree
@@ -45,7 +45,7 @@ class FedEstimate:
     sensor_mg_dl: jax.Array
     """Correlated error of the sensor."""
     log_gut_time: jax.Array
-    """Logarithm of the time constant of the gut relative to the usual one, at most 0."""
+    """Logarithm of the time constant of the gut relative to the default one, at most 0."""
     covariance: jax.Array
     """(m, m) covariance of the fed states, gut, disturbance, error of the sensor and log time, in this order."""
 
@@ -110,7 +110,7 @@ class FedFilter:
         return GutCompartments(time_to_peak_min=self.gut.time_to_peak_min * jnp.exp(estimate.log_gut_time))
 
     def init(self, model: ProfiledModel) -> FedEstimate:
-        """Estimate of a person at rest with an empty gut."""
+        """Estimate of a person at steady state with an empty gut."""
         none, certain = jnp.zeros_like(jnp.asarray(model.basal_mU_min, float)), jnp.zeros(len(self.fed) + 3)
         errors = [jnp.asarray(error, float) for error in (self.sensor_error_mg_dl, self.gut_time_error)]
         return FedEstimate(

@@ -194,7 +194,7 @@ class Innovations:
     ) -> jax.Array:
         """Likelihood ``(levels, ...)`` of each size for innovations of the filter at an estimate of it.
 
-        `stray` is added to each density, as a share of its greatest value, so that an innovation far from all of them
+        `stray` is added to each density, as a share of its maximum value, so that an innovation far from all of them
         does not tell them apart.
         """
         share = shares(deviation_mg_dl)

@@ -1,4 +1,4 @@
-"""Prediction covariance that a filter carries along, for a model that is linearised anew at every sample.
+"""Prediction covariance that a filter carries along, for a model that is linearised again at every sample.
 
 The steady covariance of each linearisation is the gain's source. From one sample to the next it changes little, so a
 few steps of the Riccati equation from that of the sample before come near it, without a solve. It is kept as its lower

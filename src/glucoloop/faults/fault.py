@@ -8,6 +8,7 @@ from dataclasses import KW_ONLY
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop._pytree import pytree
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import READINGS, Need
 from glucoloop.component.pytree_component import HOST, PytreeComponent, derived, wired
 from glucoloop.component.setting import About, Setting
@@ -83,6 +84,31 @@ class FaultComponent(PytreeComponent):
     def values(self) -> dict[str, Any]:
         """Settings with their values; times that were not given are left out."""
         return {name: value for name, value in super().values().items() if value is not None}
+
+
+FAULTS: Final = Catalogue(
+    FaultComponent,
+    {
+        "missing": "glucoloop.faults.sensor:Missing",
+        "late": "glucoloop.faults.sensor:Late",
+        "repeated": "glucoloop.faults.sensor:Repeated",
+        "out-of-order": "glucoloop.faults.sensor:OutOfOrder",
+        "spikes": "glucoloop.faults.sensor:Spikes",
+        "stuck": "glucoloop.faults.sensor:Stuck",
+        "drift": "glucoloop.faults.sensor:Drift",
+        "calibration": "glucoloop.faults.sensor:Calibration",
+        "compression": "glucoloop.faults.sensor:Compression",
+        "saturation": "glucoloop.faults.sensor:Saturation",
+        "nonsense": "glucoloop.faults.sensor:Nonsense",
+        "resolution": "glucoloop.faults.pump:CoarseDelivery",
+        "battery": "glucoloop.faults.pump:Battery",
+        "missed-pulses": "glucoloop.faults.pump:MissedPulses",
+        "occlusion": "glucoloop.faults.pump:Occlusion",
+        "unheard": "glucoloop.faults.pump:Unheard",
+        "misreported": "glucoloop.faults.pump:Misreported",
+    },
+    example="missing, start_min=120, duration_min=30",
+)
 
 
 class Untimed(FaultComponent):

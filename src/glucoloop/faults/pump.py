@@ -101,7 +101,7 @@ def _passing(delivery: Delivery, present: jax.Array, fraction: float, *, noticed
 
 
 class CoarseDelivery(WholeSteps, Untimed, name="resolution"):
-    """Whole steps alone are delivered, from a least dose on; the remainder is delivered later."""
+    """Whole steps alone are delivered, from a minimum dose on; the remainder is delivered later."""
 
     part: ClassVar[Literal["sensor", "pump"]] = "pump"
     comes_and_goes: ClassVar = False
@@ -176,7 +176,7 @@ class Occlusion(PumpFault, Timed, name="occlusion"):
 
 
 class Unheard(PumpFault, Timed, name="unheard"):
-    """Commands do not reach the pump, which goes to its least rate.
+    """Commands do not reach the pump, which goes to its minimum rate.
 
     It has no number as rate and bolus, so that it gives no bolus. The default inner pump has commands that expire.
     """

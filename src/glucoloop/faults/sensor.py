@@ -144,7 +144,7 @@ class Repeated(SensorFault, name="repeated"):
 class OutOfOrder(SensorFault, name="out-of-order"):
     """A random one of the latest readings is given.
 
-    Each has the same probability, and it is drawn anew at each sample.
+    Each has the same probability, and it is drawn again at each sample.
     """
 
     among: Annotated[int, About("Number of latest readings among which one is drawn.", at_least=2, at_most=48)] = 4
@@ -301,18 +301,3 @@ class Nonsense(SensorFault, name="nonsense"):
         """The number, whatever glucose is."""
         number = jnp.broadcast_to(self.value, jnp.shape(reading.glucose_mg_dl))
         return Reading(glucose_mg_dl=number, valid=jnp.ones_like(reading.valid))
-
-
-SENSOR_FAULTS: Final = (
-    Missing,
-    Late,
-    Repeated,
-    OutOfOrder,
-    Spikes,
-    Stuck,
-    Drift,
-    Calibration,
-    Compression,
-    Saturation,
-    Nonsense,
-)

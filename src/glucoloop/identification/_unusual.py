@@ -1,7 +1,7 @@
 """Questions about a record whose columns are probably in other units than they should be.
 
 A whole column is in another unit, not one row of it. So a column is judged by one number that is the same for all
-people within a factor of some tens: the usual step of time, the median of glucose, the mean rate of insulin.
+people within a factor of some tens: the default step of time, the median of glucose, the mean rate of insulin.
 """
 
 from __future__ import annotations

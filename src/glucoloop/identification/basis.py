@@ -1,7 +1,7 @@
 """Choice of memory and Laguerre functions for a record, by how well readings left out of the fit are predicted.
 
 Several sets of functions, from the paper's to those for insulin that acts for a day, are fitted without each of ten
-blocks of readings in turn. Taken is the set with the least error on the blocks left out, but the paper's if its error
+blocks of readings in turn. Taken is the set with the minimum error on the blocks left out, but the paper's if its error
 is within one standard error of that: L. Breiman, J. Friedman, R. Olshen, C. Stone, Classification and Regression Trees,
 1984, Sec. 3.4.3.
 """

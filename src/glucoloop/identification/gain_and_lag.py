@@ -28,7 +28,7 @@ GAIN_SPREAD: Final = 0.35
 LAG_SPREAD: Final = 0.2
 """Standard deviation of the logarithm of the lag over the people of parker2000, about."""
 FARTHEST: Final = math.log(5.0)
-"""Largest absolute logarithm of a believed gain or lag: five times the known one's, or a fifth of it."""
+"""Largest absolute logarithm of an accepted gain or lag: five times the known one's, or a fifth of it."""
 _ITERATIONS: Final = 30
 
 
@@ -59,15 +59,15 @@ def identify_gain_and_lag(
 ) -> GainAndLag:
     """Gain and lag by least squares over a record, with a weak prior.
 
-    The gain a and the lag b are the least of::
+    The gain a and the lag b are the minimum of::
 
         sum over k of  (y_k - a sum over i of h_i v_(k-i))^2 / R  +  (log a / s_a)^2  +  (log b / s_b)^2
         v = w + (u - w) / b,    55 b w' = u - w
 
     Insulin u is ``(N,)`` or ``(N, people)``, less the basal rate, and glucose y has N + 1 readings, less the setpoint,
-    of a person who was at rest; a reading that is not finite counts for nothing. The response h_1..h_M of the known
-    person is left out after M samples, so M is best as long as the record. Where the fit leaves more than the noise
-    variance R, in (mg/dl)^2, the standard errors are as much larger.
+    of a person who was at steady state; a reading that is not finite counts for nothing. The response h_1..h_M of the
+    known person is left out after M samples, so M is best as long as the record. Where the fit leaves more than the
+    noise variance R, in (mg/dl)^2, the standard errors are as much larger.
     """
     sample_time_min = _check.positive("The sample time", sample_time_min, "min")
     noise_variance = _check.positive("The noise variance", noise_variance, "(mg/dl)^2")
@@ -102,7 +102,7 @@ def answer(
     lag: jax.Array | float,
     sample_time_min: float,
 ) -> jax.Array:
-    """Glucose deviation ``(N + 1,)`` of a person with a gain and a lag, who was at rest, under rates ``(N,)``."""
+    """Glucose deviation ``(N + 1,)`` from steady state of a person with a gain and a lag, under rates ``(N,)``."""
     z = sample_time_min / (LAG_MIN * lag)
 
     def sample(w: jax.Array, away: jax.Array) -> tuple[jax.Array, jax.Array]:

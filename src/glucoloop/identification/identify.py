@@ -96,8 +96,8 @@ def identify_record(
     record : Record
         N samples of insulin and N + 1 readings.
     method : {"csrs", "least-squares"}
-        Cross-correlation, for a record of pulses from `design_csrs` without meals that starts at rest; or least
-        squares, for any input that excites the patient enough, with meals or without.
+        Cross-correlation, for a record of pulses from `design_csrs` without meals that starts at steady state; or
+        least squares, for any input that excites the patient enough, with meals or without.
     memory : int, optional
         M, the samples after which the patient's response has died out.
     laguerre_pole : float, optional
@@ -145,7 +145,7 @@ def identify_record(
     by_pulses = method == "csrs"
     meals = meal_columns(record)
     if by_pulses and not starts_at_rest:
-        raise Refusal("Cross-correlation takes the record to start at rest: use method='least-squares'.")
+        raise Refusal("Cross-correlation takes the record to start at steady state: use method='least-squares'.")
     if by_pulses and meals.shape[1]:
         raise Refusal("Cross-correlation takes the patient to fast, but there are meals: use method='least-squares'.")
     if basal_insulin_mU_min is None:
@@ -251,7 +251,7 @@ def identify_record(
 def bases_given(
     record: Record, method: str, memory: int | None, pole: float | None, functions: int | str | None, skin: bool | None
 ) -> tuple[Basis, ...]:
-    """Bases that have the given values, the usual ones in place of what is not given; for "csrs" one alone."""
+    """Bases that have the given values, the default ones in place of what is not given; for "csrs" one alone."""
     given = {"memory": memory, "pole": pole, "subcutaneous": skin}
     values: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if functions != USUAL:

@@ -110,7 +110,7 @@ def least_squares(
     sought = memory if basis is None else np.shape(basis)[0]
     first = 0 if starts_at_rest else memory
     unknowns = sought + others.shape[1]
-    # The first reading at rest shows the baseline and nothing else.
+    # The first reading at steady state shows the baseline and nothing else.
     least = unknowns if starts_at_rest else memory + unknowns - 1 + free_baseline
     if samples < least:
         raise Refusal(

@@ -30,7 +30,7 @@ class PoleSearch:
     """Residual error of a Laguerre projection at P poles: the 2-norm of h minus its projection [mg/dl per mU/min]."""
 
     pole: Array
-    """Pole with the least residual error."""
+    """Pole with the smallest residual error."""
     residual_norm: Array
     """Residual error at that pole."""
     poles: Array
@@ -140,7 +140,7 @@ def laguerre_realisation(coefficients: ArrayLike, pole: float, memory: int) -> R
 
 
 def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | None = None) -> PoleSearch:
-    """Search a grid for the pole whose Laguerre projection leaves the least residual error.
+    """Search a grid for the pole whose Laguerre projection leaves the smallest residual error.
 
     Parameters
     ----------

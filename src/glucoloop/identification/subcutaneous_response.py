@@ -10,7 +10,7 @@ sample times of 5 and 15 min, the error of the first four hours of the step resp
 largest value (median, variances 0, 1.45 and 10) with 8 functions of pole .96 and these constraints; 1.7, 4.8 and 8.0 %
 with 5 functions of pole .97 after a delay of 20 min, and 5.6 to 25 % without constraints.
 
-The least-squares problem with inequalities is solved as one of least distance: C. L. Lawson, R. J. Hanson, Solving
+The least-squares problem with inequalities is solved as one of minimum distance: C. L. Lawson, R. J. Hanson, Solving
 Least Squares Problems, 1974, ch. 23.
 """
 
@@ -29,7 +29,7 @@ Floats = npt.NDArray[np.float64]
 _STARTING: Final = 2
 """Number of first coefficients that are 0: the response begins at 0 with a slope of 0."""
 _ITERATIONS: Final = 100
-"""Iterations of NNLS for each inequality, thirty times the usual number."""
+"""Iterations of NNLS for each inequality, thirty times the default number."""
 
 
 def subcutaneous_basis(pole: float, functions: int, memory: int) -> Floats:
@@ -40,7 +40,7 @@ def subcutaneous_basis(pole: float, functions: int, memory: int) -> Floats:
 
 
 def filtered_input(insulin_deviation: npt.ArrayLike, pole: float, functions: int) -> Floats:
-    """Responses ``(N + 1, L)`` of the Laguerre functions to a whole record of N samples that starts at rest."""
+    """Responses ``(N + 1, L)`` of the Laguerre functions to a whole record of N samples that starts at steady state."""
     from scipy.signal import fftconvolve  # half a second, and only for subcutaneous insulin
 
     insulin = np.asarray(insulin_deviation, float)

@@ -32,7 +32,7 @@ class Validation:
 
 
 def random_binary_sequence(samples: int, amplitude_mU_min: float, seed: int, *, hold_samples: int = 1) -> Array:
-    """Insulin deviation of +a or -a, each equally likely, drawn anew every `hold_samples` samples.
+    """Insulin deviation of +a or -a, each equally likely, drawn again every `hold_samples` samples.
 
     It is ``(samples,)`` [mU/min], and the same for the same seed. A longer hold excites slow dynamics more. A
     ValueError refuses a length or an amplitude that is not above 0.
@@ -54,7 +54,7 @@ def validate(model: StepResponseModel, insulin_deviation: ArrayLike, glucose_dev
     insulin_deviation : array_like, shape (N,)
         Input [mU/min from the steady rate].
     glucose_deviation : array_like, shape (N + 1,)
-        Readings, from the one at rest to the end of the last sample [mg/dl from the steady glucose].
+        Readings, from the one at steady state to the end of the last sample [mg/dl from the steady glucose].
 
     Raises
     ------

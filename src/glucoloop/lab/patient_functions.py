@@ -39,7 +39,7 @@ from glucoloop.situations.situation import Situation, configured
 _Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 
 FAMILIES: Final = ("parker-1999", "hovorka-2004", "wilinska-2010", "uva-padova-2008", "kanderian-2009")
-"""Families of patients of the page, the usual one first."""
+"""Families of patients of the page, the default one first."""
 SAMPLE_TIME_MIN: Final = 5.0
 GRID: Final = SampleGrid(sample_time_min=SAMPLE_TIME_MIN, samples=1)
 _POINT_MIN: Final = float(GRID.inside_min[0])
@@ -53,7 +53,7 @@ SEED: Final = 0
 
 
 def situation(family: str, operating_point: str, *sensor: str) -> Situation:
-    """Situation of a patient of the page with the usual pump, and exact readings unless a sensor is named.
+    """Situation of a patient of the page with the default pump, and exact readings unless a sensor is named.
 
     The page designs on every model that is identified, as `allow_unusual` does.
     """
@@ -81,7 +81,7 @@ def by_equations(family: str) -> bool:
 
 @functools.cache
 def people_of(family: str) -> Population:
-    """Population whose people the page simulates beside the usual patient of a family: that of ``glucoloop trial``."""
+    """Population whose people the page simulates beside the default patient of a family, as ``glucoloop trial``."""
     return population(PATIENTS.find(family).usual_population, patient=family)
 
 

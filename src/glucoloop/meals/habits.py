@@ -174,13 +174,13 @@ class WeekendSettings(HabitComponent, name="weekend"):
 
 HABITS: Final = Catalogue(
     HabitComponent,
-    (
-        SkippedSettings,
-        UnannouncedSettings,
-        UneatenSettings,
-        AnnouncedLateSettings,
-        SnackSettings,
-        WeekendSettings,
-    ),
+    {
+        "skipped": "glucoloop.meals.habits:SkippedSettings",
+        "unannounced": "glucoloop.meals.habits:UnannouncedSettings",
+        "uneaten": "glucoloop.meals.habits:UneatenSettings",
+        "announced-late": "glucoloop.meals.habits:AnnouncedLateSettings",
+        "snack": "glucoloop.meals.habits:SnackSettings",
+        "weekend": "glucoloop.meals.habits:WeekendSettings",
+    },
     example="unannounced, probability=0.2",
 )

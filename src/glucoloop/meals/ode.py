@@ -34,7 +34,7 @@ from glucoloop.sparse import Sparse
 from glucoloop.units import MG_PER_G
 
 STEPS_PER_POINT: Final = 4
-"""Least number of steps of the gut in a point: some stomachs slow down within a minute."""
+"""Minimum number of steps of the gut in a point: some stomachs slow down within a minute."""
 NOTHING: Final = 1e-20
 """Amount below which a state is set to zero, so that numbers never become subnormal, with which processors are slow."""
 

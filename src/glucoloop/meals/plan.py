@@ -37,7 +37,7 @@ class MealPlan:
     days : int
         Number of days.
     size_spread_pct : float
-        Carbohydrate is uniform within this percentage of each meal's own, drawn anew for every person and meal.
+        Carbohydrate is uniform within this percentage of each meal's own, drawn again for every person and meal.
     time_spread_min : float
         The time of each meal is uniform within these minutes, drawn likewise.
     horizon_min : float, optional

@@ -95,7 +95,7 @@ class Scenario:
     setpoint_mg_dl : float, optional
         Target of the controller; the patient's own by default.
     initial_glucose_mg_dl : float, optional
-        The patient starts at rest at this value; by default at the patient's setpoint.
+        The patient starts at steady state at this value; by default at the patient's setpoint.
     announced : bool
         Whether the controller is told of each meal when it begins.
     announced_before_min : float

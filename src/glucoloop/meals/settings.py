@@ -77,7 +77,12 @@ class DallaManGutSettings(MealModelComponent, name="dalla-man"):
 
 MEAL_MODELS: Final = Catalogue(
     MealModelComponent,
-    (LehmannDeutschSettings, HovorkaGutSettings, RoyParkerSettings, DallaManGutSettings),
+    {
+        "lehmann-deutsch": "glucoloop.meals.settings:LehmannDeutschSettings",
+        "hovorka": "glucoloop.meals.settings:HovorkaGutSettings",
+        "roy-parker": "glucoloop.meals.settings:RoyParkerSettings",
+        "dalla-man": "glucoloop.meals.settings:DallaManGutSettings",
+    },
     example="hovorka, time_to_maximum_min=55",
 )
 
@@ -110,4 +115,9 @@ class RescueSettings(RescueComponent, name="carbs"):
     ] = "reading"
 
 
-RESCUES: Final = Catalogue(RescueComponent, (RescueSettings,), example="carbs, below_mg_dl=65", unnamed=True)
+RESCUES: Final = Catalogue(
+    RescueComponent,
+    {"carbs": "glucoloop.meals.settings:RescueSettings"},
+    example="carbs, below_mg_dl=65",
+    unnamed=True,
+)

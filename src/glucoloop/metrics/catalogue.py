@@ -7,40 +7,44 @@ where a request names it. Nothing here imports a numerical library.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator
 from typing import Final
 
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.metrics.accuracy import SensorAccuracy
-from glucoloop.metrics.dosing import Constraints, Insulin, Rescues, Samples
-from glucoloop.metrics.glycemia import LowEvents, MeanAndVariation, RiskIndices, TimeInRanges
 from glucoloop.metrics.metric import Metric, Result
-from glucoloop.metrics.regulation import Extremes, Settling, SquaredError
 from glucoloop.refusal import Refusal
 
 METRICS: Final = Catalogue(
     Metric,
-    (
-        TimeInRanges,
-        LowEvents,
-        MeanAndVariation,
-        RiskIndices,
-        Extremes,
-        Settling,
-        SquaredError,
-        Insulin,
-        Samples,
-        Constraints,
-        Rescues,
-        SensorAccuracy,
-    ),
+    {
+        "time-in-ranges": "glucoloop.metrics.glycemia:TimeInRanges",
+        "low-events": "glucoloop.metrics.glycemia:LowEvents",
+        "mean-and-variation": "glucoloop.metrics.glycemia:MeanAndVariation",
+        "risk-indices": "glucoloop.metrics.glycemia:RiskIndices",
+        "extremes": "glucoloop.metrics.regulation:Extremes",
+        "settling": "glucoloop.metrics.regulation:Settling",
+        "squared-error": "glucoloop.metrics.regulation:SquaredError",
+        "insulin": "glucoloop.metrics.dosing:Insulin",
+        "samples": "glucoloop.metrics.dosing:Samples",
+        "constraints": "glucoloop.metrics.dosing:Constraints",
+        "rescues": "glucoloop.metrics.dosing:Rescues",
+        "sensor-accuracy": "glucoloop.metrics.accuracy:SensorAccuracy",
+    },
     example="sensor-accuracy",
 )
 """Metrics by name, in the order of tables and columns."""
 
-_ALWAYS: Final[tuple[Metric, ...]] = tuple(metric() for metric in METRICS.values() if metric.always)
-RESULTS: Final = tuple(result for metric in _ALWAYS for result in metric.results)
-"""Results of the metrics that are always computed, in the order of tables and columns."""
+
+@functools.cache
+def _always() -> tuple[Metric, ...]:
+    """Metrics that are computed in every run."""
+    return tuple(metric() for metric in METRICS.values() if metric.always)
+
+
+def default_results() -> tuple[Result, ...]:
+    """Results of the metrics that are computed in every run, in the order of tables and columns."""
+    return tuple(result for metric in _always() for result in metric.results)
 
 
 def metrics_with(further: Iterable[str | Metric] = ()) -> Iterator[Metric]:
@@ -50,8 +54,8 @@ def metrics_with(further: Iterable[str | Metric] = ()) -> Iterator[Metric]:
     """
     seen: dict[str, str] = {}
     requested = (METRICS.choose(metric) if isinstance(metric, str) else metric for metric in further)
-    always = {metric.name for metric in _ALWAYS}
-    for metric in (*_ALWAYS, *(metric for metric in requested if metric.name not in always)):
+    always = {metric.name for metric in _always()}
+    for metric in (*_always(), *(metric for metric in requested if metric.name not in always)):
         for result in metric.results:
             if result.name in seen:
                 raise Refusal(

@@ -31,7 +31,7 @@ class ClinicalSummary:
     time_below_70_pct: float | None
     time_below_54_pct: float | None
     lowest_mg_dl: float | None
-    """Least glucose; None, too, if it was below the range in which the patient's model is valid."""
+    """Minimum glucose; None, too, if it was below the range in which the patient's model is valid."""
     lowest_valid_mg_dl: float
     """Glucose below which the patient's model is not valid."""
     below_validity: bool

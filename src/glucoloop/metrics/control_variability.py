@@ -1,4 +1,4 @@
-"""Control-variability grid: each person at the least and the greatest glucose, and the zone of that point.
+"""Control-variability grid: each person at the minimum and the maximum glucose, and the zone of that point.
 
 Magni, Raimondo, Dalla Man, Breton, Patek, De Nicolao, Cobelli & Kovatchev, "Evaluating the efficacy of closed-loop
 glucose regulation via control-variability grid analysis", J. Diabetes Sci. Technol. 2(4):630-635, 2008.
@@ -24,7 +24,7 @@ MAXIMUM_LIMITS_MG_DL: Final = (110.0, 180.0, 300.0, 400.0)
 CELLS: Final = 20
 """Number of cells of a column and of a row."""
 
-# By column from the least minimum on, and by row from the least maximum on.
+# By column from the lowest minimum on, and by row from the lowest maximum on.
 _ZONES: Final = np.array([["C", "D", "E"], ["B", "B", "D"], ["A", "B", "C"]])
 _REGIONS: Final = np.array([["lower C", "lower D", "E"], ["lower B", "B", "upper D"], ["A", "upper B", "upper C"]])
 
@@ -83,7 +83,7 @@ def zone_pct(counts: npt.NDArray[Any]) -> dict[str, float]:
 
 
 def region_pct(counts: npt.NDArray[Any]) -> dict[str, float]:
-    """Percentage of people in each of nine regions, by column from the least minimum on; NaN if nobody is counted."""
+    """Percentage of people in each of nine regions, by column from the lowest minimum on; NaN if nobody is counted."""
     return dict(zip(_REGIONS.ravel().tolist(), _shares(counts).ravel().tolist(), strict=True))
 
 

@@ -77,7 +77,7 @@ class Insulin(Metric, name="insulin"):
         ),
         Result(
             "insulin_total_variation_mU_min",
-            "Sum of the absolute changes from sample to sample, the first from the rate at rest.",
+            "Sum of the absolute changes from sample to sample, the first from the rate at steady state.",
             "Total variation",
             "mU/min",
         ),
@@ -137,7 +137,7 @@ class Constraints(Metric, name="constraints"):
 
     Constraints (17) to (19) of Parker, Doyle & Peppas 1999, on the rate, its changes, and glucose.
 
-    Values that are not finite violate every constraint. The first change is that from the rate at rest.
+    Values that are not finite violate every constraint. The first change is that from the rate at steady state.
     """
 
     section = "Bounds of Parker et al. (1999)"
@@ -210,7 +210,7 @@ class Samples(Metric, name="samples"):
         _samples(
             "rejected",
             "at which the guard rejected a reading; 0, like the next three, without a guard",
-            "Reading not believed",
+            "Reading not accepted",
             seldom=True,
         ),
         _samples(

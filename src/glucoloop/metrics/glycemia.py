@@ -270,7 +270,7 @@ class LowEvents(Metric, name="low-events"):
 
 
 def samples_in_a_row(sample_time_min: jax.Array | float) -> jax.Array | float:
-    """Least number of samples that take 15 min or longer."""
+    """Minimum number of samples that take 15 min or longer."""
     if is_traced(sample_time_min):
         return jnp.ceil(_LASTING_MIN / sample_time_min - _ROUNDING)
     return float(math.ceil(_LASTING_MIN / float(sample_time_min) - _ROUNDING))  # native code does not round

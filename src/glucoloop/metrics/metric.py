@@ -99,6 +99,8 @@ class Result:
     """Whether it is a concentration of glucose; one below 0 is not valid."""
     fall: bool = False
     """Whether it is a fall of glucose below the setpoint; one to below 0 is not valid."""
+    moment: bool = False
+    """Whether it is a moment of the run [min], which tables of long runs show as day and clock."""
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
@@ -141,7 +143,7 @@ class Metric(Component):
         return self.numbers
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
-        """State at the start, from glucose and the rate at rest: a pytree of numbers.
+        """State at the start, from glucose and the rate at steady state: a pytree of numbers.
 
         The first point of the grid is counted by `point` afterwards.
         """

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from glucoloop._pytree import pytree, static
-from glucoloop.metrics.catalogue import RESULTS
+from glucoloop.metrics.catalogue import default_results
 from glucoloop.refusal import Refusal
 
 _EVERYDAY: Final = (
@@ -87,7 +87,7 @@ def short_table(metrics: Mapping[str, Any]) -> str:
         if people
         else []
     )
-    for result in filter(lambda result: result.name in _EVERYDAY, RESULTS):
+    for result in filter(lambda result: result.name in _EVERYDAY, default_results()):
         values = np.asarray(metrics[result.name], float) / result.divisor
         finite = values[np.isfinite(values)]
         shown = np.percentile(finite, [5, 50, 95]) if people and finite.size else values.reshape(-1)[:1]

@@ -67,7 +67,7 @@ class Caps:
     every window of 60 min that ends in the coming sample and can be the largest. A bolus counts whole at the beginning
     of its sample.
 
-    The caps bind what was asked for at every sample, whatever the pump reports. Of a rate that falls, the least that
+    The caps bind what was asked for at every sample, whatever the pump reports. Of a rate that falls, the minimum that
     counts is what a pump comes down to that keeps its rate limit. What a pump reports beyond that counts too: the caps
     bind the larger sums until it reports more than it can have been asked for, and again once the pump is back at the
     basal rate and both sums are within their caps; see `control.guard_doses` for why they then hold at every sample.
@@ -235,7 +235,7 @@ class PromiseTally:
     """Observations of a loop so far."""
 
     lowest_mg_dl: jax.Array
-    """Least arterial glucose on the fine grid."""
+    """Minimum arterial glucose on the fine grid."""
     below_60: jax.Array
     """Number of points of the fine grid below 60 mg/dl."""
     broken: jax.Array

@@ -29,22 +29,34 @@ class _Extreme:
 
 
 class Extremes(Metric, name="extremes"):
-    """Least and greatest glucose.
+    """Minimum and maximum glucose.
 
-    Least and greatest glucose, each with the time at which it is first reached, and distances from the setpoint.
+    Minimum and maximum glucose, each with the time at which it is first reached, and distances from the setpoint.
     """
 
     section = "Regulation"
     always = True
     numbers = (
-        Result("undershoot_mg_dl", "Setpoint minus the least glucose.", "Undershoot", "mg/dl", fall=True),
-        Result("minimum_mg_dl", "Least glucose of the run.", "Least glucose", "mg/dl", concentration=True),
+        Result("undershoot_mg_dl", "Setpoint minus the minimum glucose.", "Undershoot", "mg/dl", fall=True),
+        Result("minimum_mg_dl", "Minimum glucose of the run.", "Minimum glucose", "mg/dl", concentration=True),
         Result(
-            "minimum_t_min", "Time from the start of the run at which the minimum is first reached.", "  at", "min", 0
+            "minimum_t_min",
+            "Time from the start of the run at which the minimum is first reached.",
+            "  at",
+            "min",
+            0,
+            moment=True,
         ),
-        Result("overshoot_mg_dl", "Greatest glucose minus the setpoint.", "Overshoot", "mg/dl"),
-        Result("peak_mg_dl", "Greatest glucose of the run.", "Greatest glucose", "mg/dl", concentration=True),
-        Result("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at", "min", 0),
+        Result("overshoot_mg_dl", "Maximum glucose minus the setpoint.", "Overshoot", "mg/dl"),
+        Result("peak_mg_dl", "Maximum glucose of the run.", "Maximum glucose", "mg/dl", concentration=True),
+        Result(
+            "peak_t_min",
+            "Time from the start of the run at which the peak is first reached.",
+            "  at",
+            "min",
+            0,
+            moment=True,
+        ),
     )
 
     def init(

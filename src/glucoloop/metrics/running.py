@@ -161,7 +161,7 @@ def summarise(
     lowest_glucose_mg_dl : array_like
         Bound of the constraint (19).
     metrics : sequence of str
-        Further metrics beside the usual ones, like "sensor-accuracy": name and settings, see `metrics.catalogue`.
+        Further metrics beside the default ones, like "sensor-accuracy": name and settings, see `metrics.catalogue`.
 
     Returns
     -------

@@ -22,7 +22,7 @@ class NonlinearModel(Protocol):
 
     @property
     def state(self) -> jax.Array:
-        """State at rest at the operating point."""
+        """Steady state at the operating point."""
 
     @property
     def insulin_mU_min(self) -> jax.Array:
@@ -107,7 +107,7 @@ class IndividualModel:
 
     @property
     def state(self) -> jax.Array:
-        """State at rest at the basal rate."""
+        """Steady state at the basal rate."""
         return jnp.append(self.nominal.state, 0.0)
 
     def roughly(self) -> IndividualModel:

@@ -9,9 +9,10 @@ where u_n is the nominal basal rate and d what no meal explains, as appearance i
 that of the correction factors, ``CF / CF_n``, and with it ``g_m = g_u CR_n / CR`` is that of the carbohydrate ratios:
 insulin lowers glucose, and carbohydrate raises it, as the profile has it. CF_n and CR_n are those of the nominal model
 itself, titrated on it as `build.titration` titrates people. What the profile does not hold is told from basal
-rate and weight: who needs more insulin at rest answers less to it, and who weighs more has more room for glucose.
+rate and weight: who needs more insulin at steady state answers less to it, and who weighs more has more room for
+glucose.
 
-Insulin is not believed to do next to nothing, since a model in which it does gives far too much of it. With the total
+Insulin is not accepted to do next to nothing, since a model in which it does gives far too much of it. With the total
 daily dose D, by default twice the daily basal dose, the numbers of the profile are taken to be at least shares of those
 by the rules of Walsh et al. (2011)::
 
@@ -20,12 +21,12 @@ by the rules of Walsh et al. (2011)::
 
 or as little as the nominal model has, scaled to the person's basal rate: in that of the UVA/Padova simulator a unit
 does 0.16 of what the rule of 1800 says.
-The shares are the least of a first titration of virtual people. Of 150 others of boiroux2017 and of wilinska2010 each,
-with profiles 15 % wrong, 5 to 25 % have lower factors, down to 0.02, and fewer than 5 % lower ratios. From above
+The shares are the minimum of a first titration of virtual people. Of 150 others of boiroux2017 and of wilinska2010
+each, with profiles 15 % wrong, 5 to 25 % have lower factors, down to 0.02, and fewer than 5 % lower ratios. From above
 nothing is bounded: who is taken to be too sensitive is given too little insulin, and not too much.
 
-The equations are advanced by an exponential Runge-Kutta method of second order about the Jacobian J at rest, which is
-exact where they are linear, as subcutaneous insulin is, so that steps of half an hour are possible::
+The equations are advanced by an exponential Runge-Kutta method of second order about the Jacobian J at steady state,
+which is exact where they are linear, as subcutaneous insulin is, so that steps of half an hour are possible::
 
     a = x + h phi_1(hJ) x',    x(t + h) = a + h phi_2(hJ) (x'(a) - x'(x) - J (a - x))
 
@@ -57,14 +58,14 @@ MEAL_G: Final = 50.0
 ACTION_MIN: Final = 300.0
 """Meal, and time after which insulin has acted, of the titration of `build.titration`."""
 _MIN_CORRECTION_SHARE: Final = 0.43
-"""Least correction factor that is believed, relative to that by the rule of 1800."""
+"""Minimum correction factor that is accepted, relative to that by the rule of 1800."""
 _MIN_CARB_SHARE: Final = 0.29
-"""Least carbohydrate ratio that is believed, relative to that by the rule of 500."""
+"""Minimum carbohydrate ratio that is accepted, relative to that by the rule of 500."""
 _MIN_U: Final = 0.25
 _MAX_U: Final = 50.0
 _HALVINGS: Final = 20
 _MIN_SHARE: Final = 0.05
-"""Part of glucose at rest below which a model is not carried: of 120 mg/dl, 6."""
+"""Part of glucose at steady state below which a model is not carried: of 120 mg/dl, 6."""
 
 
 @pytree
@@ -107,7 +108,7 @@ class ProfiledModel:
 
     nominal: NonlinearModel
     J: jax.Array
-    """Jacobian of the nominal equations at rest, ``(n, n)``."""
+    """Jacobian of the nominal equations at steady state, ``(n, n)``."""
     E: jax.Array
     """Effect of appearance, ``(n,)`` per mg/min."""
     least: jax.Array
@@ -209,9 +210,9 @@ def profiled_model(
     Parameters
     ----------
     nominal : NonlinearModel
-        The nominal person's equations, at rest.
+        The nominal person's equations, at steady state.
     linear : LinearModel
-        The same linearised at rest, whose disturbance is appearance in mg/min.
+        The same linearised at steady state, whose disturbance is appearance in mg/min.
     gut : GutCompartments
         Gut with which the model's carbohydrate ratio is titrated.
     weight_kg : float, optional

@@ -38,7 +38,7 @@ class _LaggedModel:
 
     @property
     def state(self) -> jax.Array:
-        """State at rest at the operating point, where the reading is glucose."""
+        """Steady state at the operating point, where the reading is glucose."""
         rest = self.inner.state
         return jnp.append(rest, self.inner.glucose_mg_dl(rest))
 

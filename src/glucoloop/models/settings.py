@@ -71,5 +71,11 @@ class _Models(Catalogue[ModelComponent]):
 
 
 MODELS: Final = _Models(
-    ModelComponent, (IdentifiedComponent, FileComponent), example="identified, memory=48", unnamed=True
+    ModelComponent,
+    {
+        "identified": "glucoloop.models.settings:IdentifiedComponent",
+        "file": "glucoloop.models.settings:FileComponent",
+    },
+    example="identified, memory=48",
+    unnamed=True,
 )

@@ -105,7 +105,8 @@ def seen_mg_dl(patient: Patient, x: jax.Array, site: str | None) -> jax.Array:
 def process_noise(patient: Patient, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
     """Diagonal of Q `(states,)` of a filter, from variances per sample of three kinds of states.
 
-    By default each state has the variance of glucose in proportion to the squares of both at rest, whatever its unit.
+    By default each state has the variance of glucose in proportion to the squares of both at steady state, whatever its
+    unit.
     """
     of_patient = getattr(patient, "process_noise", None)
     if of_patient is not None:

@@ -2,7 +2,7 @@
 
 A person's numbers are drawn as one vector: ``mean + L z`` with the Cholesky factor L of the covariance and independent
 standard normal z, on the linear scale or of the logarithms. A vector with a value beyond three standard deviations of
-its own, or beyond a bound that is given, is drawn anew as a whole, so that what is left keeps its shape within a box
+its own, or beyond a bound that is given, is drawn again as a whole, so that what is left keeps its shape within a box
 that is known beforehand. Attempt k of a person is a function of seed, names, person and k alone.
 
 The factor is computed here and not by LAPACK, whose result depends on the machine.
@@ -30,7 +30,7 @@ MAX_ATTEMPTS: Final = 1000
 _SYMMETRIC: Final = 1e-9
 """Largest difference of two entries across the diagonal, as a share of their standard deviations."""
 _MIN_PIVOT: Final = 1e-10
-"""Least share of a variance that others may leave unexplained."""
+"""Minimum share of a variance that others may leave unexplained."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class JointVariation:
     scale : {"linear", "log"}
         Whether the values or their logarithms are normal.
     lower, upper : tuple of float, optional
-        Bounds of each in its own unit; a vector with a value beyond one is drawn anew.
+        Bounds of each in its own unit; a vector with a value beyond one is drawn again.
 
     Raises
     ------

@@ -53,7 +53,7 @@ CONSTANTS: Final = (
     Constant("P_2", 0.075, "1/min", "decay of remote insulin", MCGILL),
     Constant("P_3", 5e-5, "1/min^2 per mU/l", "growth of remote insulin with plasma insulin", MCGILL),
     Constant("V_G", 2.0, "dl/kg", "volume of glucose", MCGILL),
-    Constant("G_b", GLUCOSE_MG_DL * (1.0 + 5e-5 / 0.075 * _BASAL_INSULIN / 0.001), "mg/dl", "glucose at rest without insulin; 6.5 mmol/l under 48 % of 0.53 U/kg a day", MCGILL),
+    Constant("G_b", GLUCOSE_MG_DL * (1.0 + 5e-5 / 0.075 * _BASAL_INSULIN / 0.001), "mg/dl", "glucose at steady state without insulin; 6.5 mmol/l under 48 % of 0.53 U/kg a day", MCGILL),
     Constant("tau_S", 10.0, "min", "delay of interstitial glucose behind plasma glucose", MCGILL),
     Constant("e_1", 2.0, "1", "effect of exercise on the uptake of glucose without insulin", MCGILL),
     Constant("e_2", 2.0, "1", "effect of exercise on the action of insulin", MCGILL),
@@ -69,7 +69,7 @@ INTERSTITIAL: Final = "interstitial"
 
 
 class McGillPatient(OdePatient):
-    """A person at rest and in exercise; states ``(G, X, S_1, S_2, C, h)``."""
+    """A person at steady state and in exercise; states ``(G, X, S_1, S_2, C, h)``."""
 
     nominal: ClassVar[Mapping[str, float]] = {constant.name: constant.value for constant in CONSTANTS}
     near_rest = (117.0, 0.006, 870.0, 870.0, 117.0, 0.0)

@@ -90,7 +90,7 @@ def patient(name: str = "parker-1999", operating_point: str | None = None) -> Pa
     name : str
         ``"parker-1999"`` or another of ``glucoloop list patients``; or ``"module:Class"`` of a `PatientComponent`.
     operating_point : str, optional
-        The usual one by default. Of ``"parker-1999"``: ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min;
+        The default one by default. Of ``"parker-1999"``: ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min;
         ``"nominal-22"``: 22.33 mU/min, holding 92.099 mg/dl; ``"fasting-81"``: 22.33 mU/min, holding 81.153 mg/dl in
         a person whose effects are normalised at a fasting glucose of 81 mg/dl.
     """

@@ -1,7 +1,7 @@
-"""A patient given by nothing but its equations: constants, a derivative, its glucose, and roughly a state at rest.
+"""A patient given by nothing but its equations: constants, a derivative, its glucose, and roughly a steady state.
 
 Where it rests is found by Newton's method on the derivative. Equations that stop at zero (an amount that cannot become
-negative) have spurious states at rest beyond it; a state that is positive at the rough state is kept positive.
+negative) have spurious steady states beyond it; a state that is positive at the rough state is kept positive.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from glucoloop.patients.resting import Constants, Rest, RestingPatient, shape_of
 
 _MAX_STEPS: Final = 100
 _STILL: Final = 1e-14
-"""Relative change of a step after which a person is at rest."""
+"""Relative change of a step after which a person is at steady state."""
 _STEADY: Final = 1e-9
-"""Largest last change of a state at rest, as a share of the state's size."""
+"""Largest last change of a steady state, as a share of the state's size."""
 _KEPT: Final = 0.1
-"""Least share of a positive state that a step leaves."""
+"""Minimum share of a positive state that a step leaves."""
 _VANISHED: Final = 1e-6
 """Share of the glucose near rest below which it has gone to zero: without glucose most equations rest too."""
 
@@ -36,14 +36,15 @@ class OdePatient(RestingPatient[dict[str, Any]]):
 
     - ``nominal``, the constants by name, which ``derivative`` finds in ``self.parameters``: numbers, or arrays
       ``(people,)`` of those that vary;
-    - ``near_rest``, a state near the one at rest ``(states,)``, and ``near_basal_mU_min``, the rate that goes with it;
-    - ``derivative(t_min, x, inputs)``, the rate of change of the state ``(states, ...)`` per minute at a time of day;
-    - ``glucose_mg_dl(x)``, the glucose that is controlled;
+    - ``near_rest``, a state near the one at steady state ``(states,)``, and ``near_basal_mU_min``, the rate that goes
+    with it; - ``derivative(t_min, x, inputs)``, the rate of change of the state ``(states, ...)`` per minute at a time
+    of day; - ``glucose_mg_dl(x)``, the glucose that is controlled;
 
     and what is optional of any patient, such as ``insulin_route``, ``sites`` or ``meal_model``. Equations of the clock
     rest with the clock at midnight. With ``takes_exercise = True`` the derivative may read ``inputs.exercise_pct``,
-    which is 0 at rest. Rhythms change the constants that ``insulin_sensitivity`` names, a tuple of those that are
-    proportional to sensitivity, and ``glucose_production``, a mapping of constants to what 1 mg/kg/min adds to each.
+    which is 0 at steady state. Rhythms change the constants that ``insulin_sensitivity`` names, a tuple of those that
+    are proportional to sensitivity, and ``glucose_production``, a mapping of constants to what 1 mg/kg/min adds to
+    each.
 
     Examples
     --------
@@ -84,7 +85,7 @@ class OdePatient(RestingPatient[dict[str, Any]]):
             glucose_mg_dl=lambda p, x: cls._with(p).glucose_mg_dl(x),
             largest_mU_min=lambda p: _holding(cls, p, jnp.asarray(_LOWEST_MG_DL))[0],
             highest_mg_dl=lambda p: cls._with(p).glucose_mg_dl(_under(cls, p, jnp.asarray(0.0))),
-            beyond="the equations have no state at rest there",
+            beyond="the equations have no steady state there",
         )
 
     @classmethod
@@ -154,7 +155,7 @@ _LOWEST_MG_DL: Final = 1.0
 
 @functools.partial(jax.jit, static_argnums=0)
 def _under(kind: type[OdePatient], p: Constants, insulin_mU_min: jax.Array) -> jax.Array:
-    """State at rest under a rate; NaN where none was found."""
+    """Steady state under a rate; NaN where none was found."""
     shape = shape_of_people(p, insulin_mU_min)
     insulin = jnp.broadcast_to(insulin_mU_min, shape)
     near, patient = _spread(kind.near_rest, shape), kind._with(p)

@@ -149,7 +149,7 @@ class Population:
     def drawn_as(self, draws: str) -> Population:
         """The same people, drawn ``"once"`` each or ``"with-replacement"``; Refusal without a table of people."""
         if self.table is None:
-            raise Refusal(f"the population {self.name} has no table of people, and is drawn anew; leave draw out")
+            raise Refusal(f"the population {self.name} has no table of people, and is drawn again; leave draw out")
         return replace(self, table=replace(self.table, draws=draws))
 
     def alone(self, person: str, seed: int = 0) -> Population:
@@ -236,7 +236,7 @@ class VirtualPeople:
     basal_insulin_mU_min: Values
     """``(n,)`` basal rate; NaN where no rate holds the setpoint with glucose above zero everywhere."""
     rest: Values
-    """``(states, n)`` state at rest under the basal rate; NaN where there is none."""
+    """``(states, n)`` steady state under the basal rate; NaN where there is none."""
     feasible: npt.NDArray[np.bool_]
     """``(n,)`` whether a basal rate exists."""
     profile: Profile
@@ -275,7 +275,7 @@ def virtual_people(
     person : (n,) array of int
         Numbers of the persons, from 0 to 2**32 - 1, in any order.
     setpoint_mg_dl : float, optional
-        Glucose at rest under the basal rate; that of the nominal patient's usual operating point by default.
+        Glucose at steady state under the basal rate; that of the nominal patient's usual operating point by default.
 
     Returns
     -------

@@ -44,10 +44,10 @@ class Patient(Protocol):
 
     @property
     def setpoint_mg_dl(self) -> jax.Array:
-        """Glucose at rest under the basal rate."""
+        """Glucose at steady state under the basal rate."""
 
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion; raises if none is physiological."""
+        """Steady state under a constant infusion; raises if none is physiological."""
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
         """Infusion in mU/min that holds a glucose; raises if none does."""

@@ -27,7 +27,7 @@ class Rest:
     """Functions by which a family rests. Each takes constants first, and none of them raises."""
 
     under: Callable[[Constants, jax.Array], jax.Array]
-    """State at rest ``(states, ...)`` under a rate in mU/min."""
+    """Steady state ``(states, ...)`` under a rate in mU/min."""
     holding: Callable[[Constants, jax.Array], jax.Array]
     """Rate in mU/min that holds a glucose in mg/dl; NaN where none of 0 or more does."""
     glucose_mg_dl: Callable[[Constants, jax.Array], jax.Array]
@@ -35,12 +35,12 @@ class Rest:
     largest_mU_min: Callable[[Constants], ArrayLike]
     """Rate under which glucose would rest at 0 mg/dl."""
     highest_mg_dl: Callable[[Constants], ArrayLike]
-    """Glucose at rest without insulin."""
+    """Glucose at steady state without insulin."""
     beyond: str
-    """Reason why no greater rate has a state at rest, for messages."""
+    """Reason why no greater rate has a steady state, for messages."""
 
     def state(self, p: Constants, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion; refuse a rate under which glucose would not stay above 0 mg/dl."""
+        """Steady state under a constant infusion; refuse a rate under which glucose would not stay above 0 mg/dl."""
         if is_traced(p, insulin_mU_min):
             return self.under(p, jnp.asarray(insulin_mU_min, float))
         with at_once():
@@ -77,7 +77,7 @@ class Rest:
             return u
 
     def at_basal(self, p: Constants, insulin_mU_min: jax.Array | float) -> dict[str, Any]:
-        """Fields of the patient whose setpoint is the glucose at rest under an infusion; raises as `state` does."""
+        """Fields of the patient whose setpoint is the steady glucose under an infusion; raises as `state` does."""
         with at_once(p, insulin_mU_min):
             x = self.state(p, insulin_mU_min)
             basal = jnp.asarray(insulin_mU_min, float)
@@ -102,7 +102,7 @@ class RestingPatient(Generic[P]):
     setpoint_mg_dl: jax.Array
 
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest ``(states, ...)`` under a constant infusion; ValueError if glucose does not rest above 0."""
+        """Steady state ``(states, ...)`` under a constant infusion; ValueError if glucose does not rest above 0."""
         return self.rest.state(self.parameters, insulin_mU_min)
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:

@@ -66,7 +66,7 @@ CONSTANTS: Final = (
     Constant("k", 0.0108, "mg/kg/min^2", "fall of production without glycogen", PAPER),
     Constant("T_1", 6.0, "min", "recovery of production after exercise", PAPER),
     Constant("G_b", 100.0, "mg/dl", "glucose at which the person rests with insulin at I_b", RESTATED),
-    Constant("I_b", 0.098 * 1000.0 / 60.0 / 0.142, "uU/ml", "insulin at rest under 1 U/h", RESTATED),
+    Constant("I_b", 0.098 * 1000.0 / 60.0 / 0.142, "uU/ml", "insulin at steady state under 1 U/h", RESTATED),
 )
 # fmt: on
 OXYGEN_PER_MIN: Final = 0.8
@@ -78,7 +78,7 @@ FADED: Final = 1e-12
 
 
 class RoyParkerPatient(OdePatient):
-    """A person at rest and in exercise; states ``(G, X, I, V, P, U, E, L, A)``."""
+    """A person at steady state and in exercise; states ``(G, X, I, V, P, U, E, L, A)``."""
 
     nominal: ClassVar[Mapping[str, float]] = {constant.name: constant.value for constant in CONSTANTS}
     near_rest = (100.0, 0.0, 11.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -37,7 +37,7 @@ class OperatingPoint:
 
     name: str
     summary: str
-    """Rate and glucose at rest, for help."""
+    """Rate and glucose at steady state, for help."""
     tunings: Tunings = field(default_factory=dict)
     """Settings of controllers that are usual at this point only."""
 
@@ -67,15 +67,15 @@ class PatientComponent(Component):
     model: ClassVar[str] = ""
     """Place ``module:attribute`` of its `patients.model.PatientModel`."""
     operating_points: ClassVar[tuple[OperatingPoint, ...]] = ()
-    """Operating points, the usual one first."""
+    """Operating points, the default one first."""
     populations: ClassVar[Mapping[str, str]] = {}
-    """Summary of each population by name besides the nominal one; the first is the usual one."""
+    """Summary of each population by name besides the nominal one; the first is the default one."""
     timeless: ClassVar[bool] = False
     """Whether its equations are the same at any time of day; one that does not say is taken to follow the clock."""
     insulin_route: ClassVar[str] = INTRAVENOUS
     """Way of insulin into the body, one of `component.routes.ROUTES`."""
     max_change_mU_min: ClassVar[float]
-    """Largest change of the rate of a usual pump, from one sample to the next."""
+    """Largest change of the rate of a default pump, from one sample to the next."""
     min_insulin_mU_min: ClassVar[float]
     max_insulin_mU_min: ClassVar[float]
     pulse_mU_min: ClassVar[float]
@@ -85,7 +85,7 @@ class PatientComponent(Component):
     laguerre_pole: ClassVar[float]
     """Usual pole of the Laguerre functions, at 5-min samples."""
     laguerre_functions: ClassVar[int]
-    """Usual number of Laguerre functions."""
+    """Default number of Laguerre functions."""
     tunings: ClassVar[Tunings] = {}
     """Settings of controllers that are usual for this patient, where they differ from those of the route."""
     guard: ClassVar[Mapping[str, float]] = {}
@@ -105,7 +105,7 @@ class PatientComponent(Component):
         Any,
         About(
             "One person in place of the nominal patient and of all people: by name, or by number where people have no "
-            "names, of the usual population or of another one, like people.csv:anna; people who are drawn follow the "
+            "names, of the default population or of another one, like people.csv:anna; people who are drawn follow the "
             "seed.",
             reads=_person,
         ),
@@ -158,7 +158,7 @@ class PatientComponent(Component):
 
     @property
     def place(self) -> str:
-        """Short name of the operating point, after the name of the patient unless it is the usual one."""
+        """Short name of the operating point, after the name of the patient unless it is the default one."""
         where = self.rests_at if self.name == DEFAULT_PATIENT.name else f"{self.called}, {self.rests_at}"
         return where if self.person is None else f"{where}, person {self.person}"
 
@@ -171,7 +171,7 @@ class PatientComponent(Component):
         return points[name]
 
     def usual_of(self, controller: str) -> Mapping[str, Default]:
-        """Usual settings of a controller for this patient, where they differ from the controller's own."""
+        """Default settings of a controller for this patient, where they differ from the controller's own."""
         tunings = (ROUTES[self.insulin_route].tunings, self.tunings, self.point(self.rests_at).tunings)
         return {name: value for tuning in tunings for name, value in tuning.get(controller, {}).items()}
 
@@ -327,10 +327,15 @@ class _Patients(Catalogue[PatientComponent]):
 
 PATIENTS: Final = _Patients(
     PatientComponent,
-    (
-        *(Parker1999Part, Hovorka2004Part, Wilinska2010Part, UvaPadova2008Part, Kanderian2009Part),
-        *(RoyParker2007Part, McGill2020Part),
-    ),
+    {
+        "parker-1999": "glucoloop.patients.settings:Parker1999Part",
+        "hovorka-2004": "glucoloop.patients.settings:Hovorka2004Part",
+        "wilinska-2010": "glucoloop.patients.settings:Wilinska2010Part",
+        "uva-padova-2008": "glucoloop.patients.settings:UvaPadova2008Part",
+        "kanderian-2009": "glucoloop.patients.settings:Kanderian2009Part",
+        "roy-parker-2007": "glucoloop.patients.settings:RoyParker2007Part",
+        "mcgill-2020": "glucoloop.patients.settings:McGill2020Part",
+    },
     example="parker-1999, operating_point=nominal-22",
     unnamed=True,
 )

@@ -64,7 +64,14 @@ class DawnSettings(RhythmComponent, name="dawn"):
             )
 
 
-RHYTHMS: Final = Catalogue(RhythmComponent, (Visentin2015Settings, DawnSettings), example="visentin-2015, pattern=hhl")
+RHYTHMS: Final = Catalogue(
+    RhythmComponent,
+    {
+        "visentin-2015": "glucoloop.physiology.settings:Visentin2015Settings",
+        "dawn": "glucoloop.physiology.settings:DawnSettings",
+    },
+    example="visentin-2015, pattern=hhl",
+)
 
 
 def rhythm(text: str) -> Rhythm:

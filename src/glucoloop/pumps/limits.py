@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import BOLUSES
 from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, wired
 from glucoloop.component.routes import PUMP_OF_1999
@@ -64,7 +65,7 @@ def dose_limits(
     Raises
     ------
     ValueError
-        Unless ``0 < max_change`` and ``0 <= min < max``, all finite; for a greatest rate or change so small that U/h
+        Unless ``0 < max_change`` and ``0 <= min < max``, all finite; for a maximum rate or change so small that U/h
         were probably meant, unless `allow_unusual`.
     """
     if not is_traced(max_change_mU_min) and not 0.0 < max_change_mU_min < math.inf:
@@ -100,7 +101,7 @@ class BolusLimits:
         """Bolus that a pump gives for a requested one, which may be any number or NaN.
 
         It is rounded down to whole steps, and the remainder is not given later. A bolus above the largest one is cut to
-        it. One that is below the least, below zero or not finite is not given at all.
+        it. One that is below the minimum, below zero or not finite is not given at all.
         """
         wanted = jnp.where(jnp.isfinite(bolus_mU) & (bolus_mU > 0.0), bolus_mU, 0.0)
         whole = jnp.floor(jnp.minimum(wanted, self.max_mU) / self.step_mU + _HAIR) * self.step_mU
@@ -122,7 +123,7 @@ def bolus_limits(*, max_U: float = 25.0, min_U: float = 0.05, step_U: float = 0.
     max_U : float
         Largest bolus [U].
     min_U : float
-        Least bolus that is given at all [U].
+        Minimum bolus that is given at all [U].
     step_U : float
         Step of which boluses are multiples [U].
 
@@ -138,7 +139,7 @@ def bolus_limits(*, max_U: float = 25.0, min_U: float = 0.05, step_U: float = 0.
         )
     if not is_traced(min_U, max_U) and not 0.0 <= min_U <= max_U:
         raise Refusal(
-            f"a least bolus of {min_U:g} U is not possible; give 0 U or more, and at most the largest, {max_U:g} U"
+            f"a minimum bolus of {min_U:g} U is not possible; give 0 U or more, and at most the largest, {max_U:g} U"
         )
     return BolusLimits(max_mU=MU_PER_U * max_U, min_mU=MU_PER_U * min_U, step_mU=MU_PER_U * step_U)
 
@@ -163,12 +164,12 @@ class PumpComponent(PytreeComponent):
     ] = None
     min_insulin_mU_min: Annotated[
         float | None,
-        _limit("Least rate of the pump; that of the patient's pump.", at_least=0.0),
+        _limit("Minimum rate of the pump; that of the patient's pump.", at_least=0.0),
         HOST,
     ] = None
     max_insulin_mU_min: Annotated[
         float | None,
-        _limit("Greatest rate of the pump; that of the patient's pump.", above=0.0),
+        _limit("Maximum rate of the pump; that of the patient's pump.", above=0.0),
         HOST,
     ] = None
     resolution_mU_min: Annotated[
@@ -179,7 +180,7 @@ class PumpComponent(PytreeComponent):
     max_bolus_U: Annotated[float, _bolus("Largest bolus of the pump.", above=0.0, quantity=LARGEST_BOLUS), HOST] = 25.0
     min_bolus_U: Annotated[
         float,
-        _bolus("Least bolus that the pump gives; a smaller one is not given.", at_least=0.0, quantity=BOLUS_STEP),
+        _bolus("Minimum bolus that the pump gives; a smaller one is not given.", at_least=0.0, quantity=BOLUS_STEP),
         HOST,
     ] = 0.05
     bolus_step_U: Annotated[
@@ -224,11 +225,25 @@ class PumpComponent(PytreeComponent):
         )
 
 
+PUMPS: Final = Catalogue(
+    PumpComponent,
+    {
+        "limited": "glucoloop.pumps.limits:LimitedPump",
+        "resolution": "glucoloop.pumps.resolution:Resolution",
+        "expiring": "glucoloop.pumps.expiring:Expiring",
+        "infusion-set": "glucoloop.pumps.infusion_set:InfusionSet",
+        "pen": "glucoloop.pumps.pen:Pen",
+    },
+    example="expiring, samples=3",
+    unnamed=True,
+)
+
+
 class LimitedPump(PumpComponent, name="limited"):
     """Keeps its limits.
 
     It clips rate of change and magnitude of the basal rate, and keeps the limits of a bolus. A commanded rate that is
-    not a number moves toward the least rate. A bolus does not count as a change of the rate.
+    not a number moves toward the minimum rate. A bolus does not count as a change of the rate.
     """
 
     _: KW_ONLY

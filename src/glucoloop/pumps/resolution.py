@@ -19,7 +19,7 @@ from glucoloop.unit_guess import RATE_STEP
 _HAIR: Final = 1e-9  # of a step: a whole number of steps may come out just below itself
 
 Step = Annotated[float, About("Step of the rate.", above=0.0, quantity=RATE_STEP)]
-MinimumRate = Annotated[float, About("Least rate that is delivered.", at_least=0.0), HOST]
+MinimumRate = Annotated[float, About("Minimum rate that is delivered.", at_least=0.0), HOST]
 
 
 @pytree
@@ -58,8 +58,8 @@ class WholeSteps:
         minimum = whole(self.least_mU_min / self.step_mU_min - _HAIR) * self.step_mU_min
         if not traced and not np.all(minimum <= self.limits.max_mU_min):
             raise Refusal(
-                f"a least dose of {self.least_mU_min:g} mU/min is not possible; give whole steps that stay within the "
-                "largest dose"
+                f"a minimum dose of {self.least_mU_min:g} mU/min is not possible; give whole steps that stay within "
+                "the largest dose"
             )
         return minimum
 

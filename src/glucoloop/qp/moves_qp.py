@@ -8,7 +8,7 @@ epsilon in every iteration, so the complementarity of a constraint with multipli
 stops on absolute residuals. Of 150 programs of a predictive controller, most with little or no move penalty and brought
 to one scale, at a tolerance of 1e-7 it reported failure in 45, where its moves were right, and success in 105, of which
 9 had moves wrong by more than 0.01 mU/min and one by 5.7; a looser tolerance is less exact and a tighter one never met.
-The method below is of the same family without that floor, and its status can be believed.
+The method below is of the same family without that floor, and its status can be accepted.
 
 References
 ----------

@@ -44,7 +44,7 @@ def _positive(x: jax.Array) -> jax.Array:
 def _lowest_on_the_way(
     step: jax.Array, slope: jax.Array, bend: jax.Array, weight2: jax.Array, missing: jax.Array, gained: jax.Array
 ) -> jax.Array:
-    """The moves ``t`` of the way, 0 to 1, at which the objective is least along a step that descends at first.
+    """The moves ``t`` of the way, 0 to 1, at which the objective is smallest along a step that descends at first.
 
     Along the way the slope is ``slope + t bend - sum_i weight2_i gained_i max(0, missing_i - t gained_i)``. It never
     falls and is straight between the points at which an output meets the floor, so that two of them enclose its zero.

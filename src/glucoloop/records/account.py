@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import polars as pl
+
+from glucoloop.text import how_many
+
+_VALUES: Final = ("glucose_mg_dl", "carbs_g", "bolus_U", "long_acting_U", "basal_U_h")
 
 
 @dataclass
@@ -27,3 +32,16 @@ class Account:
         if lost.height:
             self.left_out[reason] = self.left_out.get(reason, 0) + lost.height
         return kept
+
+    def without_value(self, frame: pl.DataFrame, gone: pl.Series, name: str, reason: str) -> pl.DataFrame:
+        """Rows of which some have lost one value; those with no other one are left out, as rows of the reason."""
+        if not gone.any():
+            return frame
+        bare = pl.all_horizontal(pl.col(other).is_null() for other in _VALUES if other != name)
+        frame = frame.with_columns(_gone=gone)
+        beside = frame.filter(pl.col("_gone") & ~bare).height
+        if beside:
+            self.notes.append(f"{how_many(beside, 'row')} lost a value and kept another one: {reason}.")
+        frame = self.without(frame, pl.col("_gone") & bare, reason)
+        names = (name, "out_of_range") if name == "glucose_mg_dl" else (name,)
+        return frame.with_columns(pl.when(~pl.col("_gone")).then(one).alias(one) for one in names).drop("_gone")

@@ -213,11 +213,11 @@ def _tell(
         count = int(outside.sum())
         if name != "glucose" and count >= _FEW and count > _HALF * int((number > 0).sum()):
             raise Refusal(
-                f"{count} of its values of {_WORDS[name]} are outside of {bounds} {_UNIT_OF[name]} (from {ends}), which "
-                "nobody can mean",
+                f"{count} of its values of {_WORDS[name]} are outside of {bounds} {_UNIT_OF[name]} (from {ends}), "
+                "which nobody can mean",
                 ask,
             )
         account.notes.append(
-            f"{how_many(count, 'value')} of {_WORDS[name]} outside of {bounds} (from {ends} in the unit of the file) were "
-            f"not used{unknown}{f'; if they are in another unit, {ask}' if name == 'basal' else ''}."
+            f"{how_many(count, 'value')} of {_WORDS[name]} outside of {bounds} (from {ends} in the unit of the file) "
+            f"were not used{unknown}{f'; if they are in another unit, {ask}' if name == 'basal' else ''}."
         )

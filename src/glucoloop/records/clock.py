@@ -85,8 +85,8 @@ def _zone_told(frame: pl.DataFrame, zones: Sequence[str], notes: list[str]) -> s
     if at_odds.height > max(_FEW, _MOST_AT_ODDS * told.height):
         other = at_odds["_told"].mode()[0]
         raise Refusal(
-            f"it tells the time zone {zone}, and {at_odds.height} of its times tell another offset from UTC, as {other} "
-            "min",
+            f"it tells the time zone {zone}, and {at_odds.height} of its times tell another offset from UTC, as "
+            f"{other} min",
             _ASK,
         )
     notes.append(f"{zone} is the time zone that the files tell; it holds for all times.")
@@ -113,9 +113,9 @@ def _by_offsets(frame: pl.DataFrame, notes: list[str]) -> pl.DataFrame:
     if not known.height:
         if frame.filter(~pl.col("in_utc"), pl.col("utc_offset_min").is_null()).height:
             raise Refusal("some of its times are in UTC and others on the clock on the wall", _ASK)
+        files = "the file tells" if frame["file"].n_unique() == 1 else "the files tell"
         notes.append(
-            f"Times are in UTC, for {'the file tells' if frame['file'].n_unique() == 1 else 'the files tell'} no other; "
-            "the time zone of the person brings them to the time on the wall."
+            f"Times are in UTC, for {files} no other; the time zone of the person brings them to the time on the wall."
         )
         shift: pl.Expr = pl.lit(0, pl.Int32)
         return frame.with_columns(utc_offset_min=pl.when("in_utc").then(shift).otherwise("utc_offset_min"))
@@ -131,8 +131,8 @@ def _by_offsets(frame: pl.DataFrame, notes: list[str]) -> pl.DataFrame:
     filled = int((frame["in_utc"] & frame["_told"].is_null() & frame["time"].is_not_null()).sum())
     if filled:
         notes.append(
-            f"{filled} times are in UTC and tell no offset of the clock on the wall; that of the nearest time that tells "
-            "one was taken."
+            f"{filled} times are in UTC and tell no offset of the clock on the wall; that of the nearest time that "
+            "tells one was taken."
         )
     frame = frame.with_columns(of_nearest)
     constant = known["_told"].n_unique() == 1
@@ -161,7 +161,8 @@ def _without_odds(known: pl.DataFrame, notes: list[str]) -> pl.DataFrame:
         )
     if odd.height:
         notes.append(
-            f"{odd.height} times tell another offset from UTC than others of the same hour; the more common one was taken."
+            f"{odd.height} times tell another offset from UTC than others of the same hour; "
+            "the more common one was taken."
         )
     return hour.select("time", _told="usual")
 

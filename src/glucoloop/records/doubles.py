@@ -7,7 +7,6 @@ from typing import Final
 import polars as pl
 
 from glucoloop.records.account import Account
-from glucoloop.text import how_many
 
 TOGETHER_S: Final = 120.0
 """Longest time between the same amount in two apps."""
@@ -16,7 +15,6 @@ _AMOUNTS: Final = {
     "long_acting_U": "doses of long-acting insulin that another app has within 2 min",
     "carbs_g": "carbohydrate that another app has within 2 min",
 }
-_VALUES: Final = ("glucose_mg_dl", "basal_U_h", *_AMOUNTS)
 
 
 def each_dose_once(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
@@ -25,20 +23,8 @@ def each_dose_once(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
     The same amount within two minutes from another source is the same dose; the same source may give it twice.
     """
     for name, words in _AMOUNTS.items():
-        there = frame.filter(pl.col(name).is_not_null()).height
-        if there < 2:
-            continue
-        repeated = _repeated(frame, name)
-        if not repeated.any():
-            continue
-        bare = pl.all_horizontal(pl.col(other).is_null() for other in _VALUES if other != name)
-        beside = int((repeated & ~frame.select(bare).to_series()).sum())
-        if beside:
-            account.notes.append(
-                f"{how_many(beside, 'value')} counted once: {words}, beside something else of its own."
-            )
-        frame = account.without(frame.with_columns(_repeated=repeated), pl.col("_repeated") & bare, words)
-        frame = frame.with_columns(pl.when(~pl.col("_repeated")).then(name)).drop("_repeated")
+        if frame.filter(pl.col(name).is_not_null(), pl.col("source").is_not_null()).height > 1:
+            frame = account.without_value(frame, _repeated(frame, name), name, words)
     return frame
 
 

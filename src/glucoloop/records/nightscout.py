@@ -3,9 +3,9 @@
 Times are instants in UTC, with the offset of the uploader's clock where it told one: an offset of 0 stands for an
 unknown one too, since the server writes it beside each time that ends in Z. Readings are in mg/dl whatever the site
 shows; 39 stands for low and 401 for high. Lists come as such, as the ``result`` of version 3 of the interface, and as
-the lines of ``mongoexport``. Combo boluses tell their parts as AndroidAPS and Nightscout's careportal write them, injections their
-insulins as xDrip does, percentages of the usual rate as a change (``percent``) or, from OpenAPS, as the whole
-(``temp``: percent).
+the lines of ``mongoexport``. Combo boluses tell their parts as AndroidAPS and Nightscout's careportal write
+them, injections their insulins as xDrip does, percentages of the usual rate as a change (``percent``) or, from OpenAPS,
+as the whole (``temp``: percent).
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
         if unknown:
             notes.append(
                 f"The basal rate is not known from {unknown} times on: a temporary one ends or is a percentage, and "
-                "the usual one is not in the file; a file of profiles of Nightscout beside it tells that."
+                "the default one is not in the file; a file of profiles of Nightscout beside it tells that."
             )
         if usual:
             notes.append(
@@ -244,7 +244,7 @@ def _times(items: list[dict[str, Any]], sources: pl.Series, answers: Answers) ->
 
 
 def _offsets_meant(table: pl.DataFrame) -> pl.Series:
-    """Offsets that are meant; an offset of 0 is where its source tells others of up to an hour for times of the year."""
+    """Offsets that are meant: one of 0 is where its source tells others of up to an hour, for times of the year."""
     if not (table["offset"].fill_null(0) != 0).any():
         return pl.Series([None] * table.height, dtype=pl.Int64)
     in_order = table.with_row_index("place").filter(pl.col("offset").is_not_null()).sort("instant")

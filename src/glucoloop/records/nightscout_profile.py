@@ -143,10 +143,12 @@ def _switched(
     schedule = _schedule(store.get(str(switch.get("profile"))), time_zone) or _schedule(stored_profile, time_zone)
     if schedule is None:
         return None
-    factor, hours = (number_in(switch.get("percentage")) or 100.0) / 100.0, 0
-    if stored_profile is not None:
-        if not switch.get("CircadianPercentageProfile"):  # AndroidAPS 2, whose shift Nightscout does not use
-            hours = math.trunc((finite(switch.get("timeshift")) or 0.0) / _MS_PER_H)
+    percentage, hours = number_in(switch.get("percentage")) or 100.0, 0
+    if stored_profile is not None and not switch.get("CircadianPercentageProfile"):
+        hours = math.trunc(
+            (finite(switch.get("timeshift")) or 0.0) / _MS_PER_H
+        )  # AndroidAPS 3; Nightscout has no other
+    factor = percentage / 100.0 if percentage > 0.0 else 1.0
     return _Span(start, end, schedule, factor, timedelta(hours=math.fmod(hours, 24)))
 
 

@@ -5,19 +5,24 @@ from __future__ import annotations
 from typing import Final
 
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.records.any_table import AnyTable
-from glucoloop.records.carelink import CareLink
-from glucoloop.records.dexcom_clarity import DexcomClarity
-from glucoloop.records.libreview import LibreView
-from glucoloop.records.nightscout import Nightscout
-from glucoloop.records.ohio_t1dm import OhioT1DM
 from glucoloop.records.reader import ReaderComponent
-from glucoloop.records.replaybg import ReplayBG
-from glucoloop.records.simglucose import Simglucose
-from glucoloop.records.tidepool import Tidepool
 
 READERS: Final = Catalogue(
     ReaderComponent,
-    (DexcomClarity, LibreView, CareLink, Nightscout, Tidepool, OhioT1DM, Simglucose, ReplayBG, AnyTable),
+    {
+        "dexcom-clarity": "glucoloop.records.dexcom_clarity:DexcomClarity",
+        "libreview": "glucoloop.records.libreview:LibreView",
+        "carelink": "glucoloop.records.carelink:CareLink",
+        "glooko": "glucoloop.records.glooko:Glooko",
+        "nightscout": "glucoloop.records.nightscout:Nightscout",
+        "tidepool": "glucoloop.records.tidepool:Tidepool",
+        "ohio-t1dm": "glucoloop.records.ohio_t1dm:OhioT1DM",
+        "azt1d": "glucoloop.records.azt1d:AZT1D",
+        "t1d-uom": "glucoloop.records.t1d_uom:T1dUom",
+        "hupa-ucm": "glucoloop.records.hupa_ucm:HupaUcm",
+        "simglucose": "glucoloop.records.simglucose:Simglucose",
+        "replaybg": "glucoloop.records.replaybg:ReplayBG",
+        "table": "glucoloop.records.any_table:AnyTable",
+    },
     example="dexcom-clarity",
 )

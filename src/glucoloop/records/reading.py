@@ -35,7 +35,7 @@ class _Recognised:
 
 
 def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> dict[str, DeviceRecord]:
-    """Record of each person of all files by name, an empty one for files of one person; FileRefusal if there is none."""
+    """Record of each person by name, an empty one for files of one person; FileRefusal if there is none."""
     chosen = None if reader is None else READERS.choose(reader)
     files: list[UserFile] = []
     for path in paths:

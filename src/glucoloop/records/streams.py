@@ -39,6 +39,7 @@ class _Stream(NamedTuple):
     """Readings of one stream in the order of time."""
 
     label: str
+    source: str
     places: npt.NDArray[np.int64]
     t_min: Floats
     glucose: Floats
@@ -46,7 +47,7 @@ class _Stream(NamedTuple):
 
 
 def with_instants(frame: pl.DataFrame) -> pl.DataFrame:
-    """Rows with ``at``: their instants in UTC, or the time on the wall without a step back where offsets are unknown."""
+    """Rows with ``at``: instants in UTC, or where offsets are unknown the time on the wall without a step back."""
     if frame["utc_offset_min"].is_null().any():
         at = pl.col("time") + pl.duration(minutes=pl.when("second_pass").then(60).otherwise(0), time_unit="us")
     else:
@@ -73,7 +74,7 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
         labels = np.full(frame.height, None, dtype=object)
         for stream in streams:
             labels[stream.places] = stream.label
-        frame = frame.with_columns(device=pl.coalesce(pl.Series(labels, dtype=pl.String), "device"))
+        frame = frame.with_columns(device=pl.coalesce(pl.Series(labels.tolist(), dtype=pl.String), "device"))
     if device is not None:
         return _only(frame, streams, device, account)
     if len(streams) == 1:
@@ -91,13 +92,10 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
     kinds = {stream.label for stream in streams}
     if len(kinds) > 1:
         account.notes.append(f"Glucose comes from {len(kinds)} devices: {the_first(counts)}.")
-    why = pl.Series("_why", reasons, dtype=pl.String)
+    frame = frame.with_columns(pl.Series("_why", reasons.tolist(), dtype=pl.String))
     for reason in (SAME_GLUCOSE, OTHER_GLUCOSE):
-        if (why == reason).any():
-            frame = frame.with_columns(why)
-            frame = account.without(frame, pl.col("_why") == reason, reason)
-            why = frame["_why"]
-    return frame.drop("_why", strict=False)
+        frame = account.without_value(frame, frame["_why"] == reason, "glucose_mg_dl", reason)
+    return frame.drop("_why")
 
 
 def _parted(rows: pl.DataFrame) -> list[pl.DataFrame]:
@@ -153,7 +151,7 @@ def _labelled(parts: list[pl.DataFrame]) -> list[_Stream]:
         inside = steps[(steps > 0.0) & (steps <= _LONGEST_STEP_MIN)]
         step = float(np.median(inside)) if inside.size else _LONGEST_STEP_MIN
         label = name if not slot else f"{name} ({slot + 1})"
-        result.append(_Stream(label, part["place"].to_numpy(), t, part["glucose"].to_numpy(), step))
+        result.append(_Stream(label, part["source"][0], part["place"].to_numpy(), t, part["glucose"].to_numpy(), step))
     return result
 
 
@@ -164,13 +162,10 @@ def _only(frame: pl.DataFrame, streams: list[_Stream], device: str, account: Acc
         names = list(dict.fromkeys(printable(stream.label) for stream in streams))
         raise Refusal(f"device is {device!r}, and the readings are of {the_first(names)}; give one of these (--device)")
     keep = np.concatenate([stream.places for stream in chosen])
-    mask = np.ones(frame.height, dtype=bool)
-    mask[keep] = False
-    other = pl.Series("_other", mask)
-    frame = account.without(
-        frame.with_columns(other), pl.col("_other") & pl.col("glucose_mg_dl").is_not_null(), OTHER_DEVICE
-    )
-    return frame.drop("_other")
+    other = np.ones(frame.height, dtype=bool)
+    other[keep] = False
+    gone = pl.Series(other) & frame["glucose_mg_dl"].is_not_null()
+    return account.without_value(frame, gone, "glucose_mg_dl", OTHER_DEVICE)
 
 
 def _without(stream: _Stream, gone: npt.NDArray[np.bool_]) -> _Stream:
@@ -214,8 +209,15 @@ def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], a
             else f"Two uploaders of {first.label} say the same glucose{shift}, for {hours}; it counts once."
         )
         return SAME_GLUCOSE
+    if stream.source == first.source:
+        account.notes.append(
+            f"Readings of one source follow two courses at the same time for {hours}, {median:.0f} mg/dl apart in the "
+            f"median, as those of two sensors do. Both are kept, as {first.label} and {stream.label}; device (--device) "
+            "chooses one."
+        )
+        return ""
     account.notes.append(
-        f"{stream.label} and {first.label} read at the same time for {hours} and disagree, by {median:.0f} mg/dl in the "
-        f"median; {first.label}, which has more readings, is used there, and device (--device) chooses another one."
+        f"{stream.label} and {first.label} read at the same time for {hours} and disagree, by {median:.0f} mg/dl in "
+        f"the median; {first.label}, which has more readings, is used there, and device (--device) chooses another one."
     )
     return OTHER_GLUCOSE

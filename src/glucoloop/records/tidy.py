@@ -107,7 +107,8 @@ def _without_repeats(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
     frame = account.without(frame, ~pl.struct(alike).is_first_distinct(), REPEATED)
     read = pl.col("glucose_mg_dl").is_not_null()
     at = pl.struct("time", "utc_offset_min", "second_pass", "device", "source", "kind", read)
-    return account.without(frame, read & ~at.is_first_distinct(), SAME_TIME)
+    second = frame.select(read & ~at.is_first_distinct()).to_series()
+    return account.without_value(frame, second, "glucose_mg_dl", SAME_TIME)
 
 
 def _refuse_impossible_days(frame: pl.DataFrame) -> None:

@@ -5,9 +5,3 @@ from .identification_figure import plot_identification as plot_identification
 from .identification_figure import plot_validation as plot_validation
 from .page import interactive_page as interactive_page
 from .template import Repeat as Repeat
-from .trial_figure import plot_trial as plot_trial
-from .trial_page import trial_page as trial_page
-from .trial_report import CaseReport as CaseReport
-from .trial_report import MetricDistribution as MetricDistribution
-from .trial_report import TrialReport as TrialReport
-from .trial_report import WorstPerson as WorstPerson

@@ -115,7 +115,7 @@ def _differences(values: Floats, step: float) -> list[int | None]:
 
 
 def extent(*series: npt.ArrayLike) -> tuple[float, float]:
-    """Least and greatest finite value of arrays, at least one apart."""
+    """Minimum and maximum finite value of arrays, at least one apart."""
     values = np.concatenate([np.ravel(np.asarray(part, float)) for part in series])
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
@@ -123,7 +123,7 @@ def extent(*series: npt.ArrayLike) -> tuple[float, float]:
 
 
 def thinned(t_min: npt.ArrayLike, values: npt.ArrayLike, most: int) -> tuple[Floats, Floats]:
-    """Points of a curve, about `most` at most, among them the least and the greatest of each stretch of it."""
+    """Points of a curve, about `most` at most, among them the minimum and the maximum of each stretch of it."""
     t, y = np.asarray(t_min, float), np.asarray(values, float)
     if t.size <= most:
         return t, y

@@ -22,9 +22,10 @@ from glucoloop.display_units import OTHERS, heading_shown, in_shown_units, other
 from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Result
 from glucoloop.refusal import Refusal
+from glucoloop.reporting.periods import moment_text
 from glucoloop.text import NOT_AVAILABLE, glucose_text
 from glucoloop.text import percent as percent_text
-from glucoloop.units import UNIT_BY_ENDING, ending_of
+from glucoloop.units import MIN_PER_DAY, UNIT_BY_ENDING, ending_of
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -250,8 +251,11 @@ class MetricRow(NamedTuple):
     statistic: str = ""
 
 
-def metric_rows(metrics: Mapping[str, Metrics]) -> list[MetricRow]:
-    """Rows for runs by label, one value per run; a time that is only a lower bound ends in "+"."""
+def metric_rows(metrics: Mapping[str, Metrics], start_min: float = 0.0) -> list[MetricRow]:
+    """Rows for runs by label, one value per run; a time that is only a lower bound ends in "+".
+
+    The runs start `start_min` after midnight. Moments after the first day are days and clocks.
+    """
     if not metrics:
         raise Refusal("there are no metrics to show; give those of at least one run")
     plain = [of_run.as_dict() for of_run in metrics.values()]
@@ -260,8 +264,18 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[MetricRow]:
         for result in metric.results:
             if result.title and (not result.seldom or any(values[result.name] for values in plain)):
                 texts = [_text(result, of_run) for of_run in plain]
-                other = in_other_unit(result, texts, [of_run[result.name] for of_run in plain])
-                rows.append(MetricRow(metric.section, result.title, result.unit, texts, other))
+                values = [of_run[result.name] for of_run in plain]
+                unit, other = result.unit, in_other_unit(result, texts, values)
+                latest_min = max((value for value in values if value is not None), default=0.0)
+                if result.moment and latest_min > MIN_PER_DAY:
+                    unit, texts = (
+                        "",
+                        [
+                            text if value is None else moment_text(value, latest_min, start_min)
+                            for text, value in zip(texts, values, strict=True)
+                        ],
+                    )
+                rows.append(MetricRow(metric.section, result.title, unit, texts, other))
     return rows
 
 
@@ -283,12 +297,17 @@ def _text(result: Result, metrics: Mapping[str, float | int | bool | None]) -> s
     return result.text(value, setpoint) + ("+" if result.exact_if and not metrics[result.exact_if] else "")
 
 
-def metrics_table(metrics: Metrics) -> Table:
-    """Name, value and unit of each metric of one run of one person; ValueError for metrics of many people."""
-    return lines_table("Metric", ["Value"], metric_rows({"Value": metrics}))
+def metrics_table(metrics: Metrics, start_min: float = 0.0) -> Table:
+    """Name, value and unit of each metric of one run of one person; ValueError for metrics of many people.
+
+    The run starts `start_min` after midnight.
+    """
+    return lines_table("Metric", ["Value"], metric_rows({"Value": metrics}, start_min))
 
 
-def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Distance] | None = None) -> Table:
+def comparison_table(
+    metrics: Mapping[str, Metrics], distances: Mapping[str, Distance] | None = None, start_min: float = 0.0
+) -> Table:
     """Metrics of several runs side by side, under their labels.
 
     Parameters
@@ -298,13 +317,15 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
     distances : mapping of str to Distance, optional
         Distances to the bound of the situation, under the same labels, for a further section; a run for which the
         bound does not hold has none.
+    start_min : float
+        Time of day at which the runs start, in minutes after midnight.
 
     Raises
     ------
     ValueError
         If there are none, or some are of many people.
     """
-    rows = metric_rows(metrics)
+    rows = metric_rows(metrics, start_min)
     if distances is not None:
         for name, field in _OF_A_BOUND.items():
             how = Result(field, "", unit="mg/dl", digits=2)

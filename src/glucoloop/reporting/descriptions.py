@@ -35,23 +35,25 @@ _MAX_MEALS: Final = 20
 
 def run_facts(run: Run, case: Case, designed: Mapping[str, float] | None = None) -> dict[str, str]:
     """Settings of a run, and those that followed from the design of its controller."""
-    return {**_case_facts("Controller", "As designed", case, designed), **_run_facts(run)}
+    return {**_case_facts("Controller", "As designed", case, designed, run.start_min or 0.0), **_run_facts(run)}
 
 
 def comparison_facts(config: Run, designed: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
     """Settings of a comparison, and those that followed from the designs of its controllers, by label."""
-    return {**controllers_facts(config.cases, designed), **_run_facts(config)}
+    return {**controllers_facts(config.cases, designed, config.start_min or 0.0), **_run_facts(config)}
 
 
-def _case_facts(name: str, as_designed: str, case: Case, designed: Mapping[str, float] | None) -> dict[str, str]:
+def _case_facts(
+    name: str, as_designed: str, case: Case, designed: Mapping[str, float] | None, start_min: float
+) -> dict[str, str]:
     numbers = {key: float(f"{value:.4g}") for key, value in (designed or {}).items()}
-    return {name: _case_in_words(case, numbers), **({as_designed: _settings(numbers)} if numbers else {})}
+    return {name: _case_in_words(case, numbers, start_min), **({as_designed: _settings(numbers)} if numbers else {})}
 
 
 def trial_facts(trial: Trial) -> dict[str, str]:
     """Settings of a trial."""
     plan = trial.plan
-    meals = ", ".join(map(_meal, plan.meals)) or "none"
+    meals = ", ".join(_meal(meal, trial.start_min or 0.0) for meal in plan.meals) or "none"
     if plan.own is not None:
         meals = f"each person's own day, on average {meals}"
     if plan.size_spread_pct or plan.time_spread_min:
@@ -67,15 +69,18 @@ def trial_facts(trial: Trial) -> dict[str, str]:
     }
 
 
-def controllers_facts(cases: Iterable[Case], designed: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+def controllers_facts(
+    cases: Iterable[Case], designed: Mapping[str, Mapping[str, float]], start_min: float = 0.0
+) -> dict[str, str]:
     """Controllers with their settings, and those that followed from their designs, by label."""
     facts: dict[str, str] = {}
     for case in cases:
-        facts |= _case_facts(f"Controller {case.label}", f"As designed, {case.label}", case, designed.get(case.label))
+        names = f"Controller {case.label}", f"As designed, {case.label}"
+        facts |= _case_facts(*names, case, designed.get(case.label), start_min)
     return facts
 
 
-def _case_in_words(case: Case, distinguished: Iterable[str] = ()) -> str:
+def _case_in_words(case: Case, distinguished: Iterable[str] = (), start_min: float = 0.0) -> str:
     """A controller with its guard, its faults, and its settings but those that are told apart."""
     parts = [
         f"{case.controller.called}, {case.controller.summary}",
@@ -83,7 +88,7 @@ def _case_in_words(case: Case, distinguished: Iterable[str] = ()) -> str:
         f"acts every {case.every_min:g} min" if case.every_min is not None else "",
         "knows the dead time" if case.known_dead_time else "",
         "with the guard" if case.guard is not None else "",
-        *map(fault_in_words, case.faults),
+        *(fault_in_words(fault, start_min) for fault in case.faults),
     ]
     return "; ".join(filter(None, parts))
 
@@ -93,7 +98,9 @@ def _run_facts(run: Run) -> dict[str, str]:
     fast = "exponential" if goes_fast(run.nominal) and not (run.exercise or run.rhythm) else "explicit Runge-Kutta"
     integrator = f"{fast if run.integrator == 'fast' else 'adaptive Runge-Kutta'} integrator"
     return {
-        **_situation_facts(run, the_first(list(map(_meal, run.eaten())), _MAX_MEALS) or "none"),
+        **_situation_facts(
+            run, the_first([_meal(meal, run.start_min or 0.0) for meal in run.eaten()], _MAX_MEALS) or "none"
+        ),
         **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
         "Length": _length(run.horizon_min),
         "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}",
@@ -148,7 +155,7 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
         "Digestion": "the patient's own model" if situation.meal_model is None else situation.meal_model.text,
         "Sensor": ", ".join(filter(None, sensor_parts)),
         "Pump": ", ".join(filter(None, pump_parts)),
-        "Faults": "; ".join(map(fault_in_words, situation.faults)) or "none",
+        "Faults": "; ".join(fault_in_words(fault, situation.start_min or 0.0) for fault in situation.faults) or "none",
         "Seed": str(situation.seed),
     }
 
@@ -164,9 +171,9 @@ def _length(horizon_min: float) -> str:
     return "a day" if days == 1.0 else f"{days:g} days"
 
 
-def _meal(meal: Meal) -> str:
+def _meal(meal: Meal, start_min: float) -> str:
     in_hours = meal.t_min <= MIN_PER_DAY and not meal.t_min % 15.0
-    clock = f"{meal.t_min / MIN_PER_H:g} h" if in_hours else moment_text(meal.t_min)
+    clock = f"{meal.t_min / MIN_PER_H:g} h" if in_hours else moment_text(meal.t_min, start_min=start_min)
     return f"{meal.carbs_g:g} g at {clock}" + (f", eaten for {meal.eating_min:g} min" if meal.eating_min else "")
 
 
@@ -201,9 +208,9 @@ def engine_notes(engines: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------------- faults
 
 
-def fault_in_words(fault: FaultComponent) -> str:
-    """A fault with its settings and times."""
-    return ", ".join(filter(None, (fault.name, settings_in_words(fault), when_in_words(fault))))
+def fault_in_words(fault: FaultComponent, start_min: float = 0.0) -> str:
+    """A fault with its settings and times, in a run that starts `start_min` after midnight."""
+    return ", ".join(filter(None, (fault.name, settings_in_words(fault), when_in_words(fault, start_min))))
 
 
 def short_names(faults: Sequence[str]) -> dict[str, str]:
@@ -251,7 +258,7 @@ def settings_in_words(fault: FaultComponent) -> str:
     return _settings({key: value for key, value in fault.values().items() if key not in TIMING})
 
 
-def when_in_words(fault: FaultComponent) -> str:
+def when_in_words(fault: FaultComponent, start_min: float = 0.0) -> str:
     """Times of a fault, in a phrase."""
     times = {key: f"{float(value):g}" for key, value in fault.values().items() if key in TIMING}
     if not fault.timed:
@@ -264,7 +271,7 @@ def when_in_words(fault: FaultComponent) -> str:
     start = times.get(START, "0")
     latest = times.get(LATEST, start)
     ends = [float(start), float(latest)]
-    first, last = (moment_text(t_min, ends[1]) for t_min in ends)
+    first, last = (moment_text(t_min, ends[1], start_min) for t_min in ends)
     begins = f"from {first}" if latest == start else f"from a moment between {first.removesuffix(' min')} and {last}"
     return f"{begins}, for {times[DURATION]} min" if DURATION in times else f"{begins} to the end"
 

@@ -28,7 +28,7 @@ _MAX_NAME: Final = 30  # characters
 
 
 class _Shade(NamedTuple):
-    """A class of values up to `most`, with its colour and that of text on it; None for the usual ones."""
+    """A class of values up to `most`, with its colour and that of text on it; None for the default ones."""
 
     most: float
     colour: str | None

@@ -23,12 +23,12 @@ STATUS_WORDS: Final = {
     Status.READING_MISSING: "Reading missing",
     Status.NOT_CONVERGED: "Optimisation not converged",
     Status.NON_FINITE: "Computation without a finite number",
-    Status.READING_REJECTED: "Guard: reading not believed",
-    Status.FALLBACK_BASAL: "Guard: at most the basal rate, no reading believed",
-    Status.FALLBACK_REDUCED: "Guard: part of the basal rate, no reading believed",
+    Status.READING_REJECTED: "Guard: reading not accepted",
+    Status.FALLBACK_BASAL: "Guard: at most the basal rate, no reading accepted",
+    Status.FALLBACK_REDUCED: "Guard: part of the basal rate, no reading accepted",
     Status.SUSPENDED: "Guard: insulin suspended",
     Status.DOSE_LIMITED: "Guard: dose cut",
-    Status.RESTARTED: "Guard: controller started anew",
+    Status.RESTARTED: "Guard: controller started again",
     Status.NO_FINITE_DOSE: "No finite dose",
 }
 """Statuses of decisions in words, in the order shown."""

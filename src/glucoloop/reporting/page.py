@@ -119,10 +119,10 @@ def interactive_page(
         faults=faults,
         dots=any(run.reading_t_min.size for run in runs),
         commanded=len(panels[1].lines) > len(runs),
-        plot=Plot("Glucose and insulin", end_min, panels, list(_lanes(runs, chosen, end_min)), start_min),
+        plot=Plot("Glucose and insulin", end_min, panels, list(_lanes(runs, chosen, end_min, start_min)), start_min),
         events=list(_events(runs, chosen, start_min)),
         metrics=["Value"] if single else labels,
-        rows=metric_rows(by_label),
+        rows=metric_rows(by_label, start_min),
         **_numbers(runs, start_min),
     )
 
@@ -205,10 +205,12 @@ def mark_faults(panels: Sequence[Panel], faults: Iterable[FaultComponent], end_m
         panels[0 if fault.part == "sensor" else 1].spans.append(window)
 
 
-def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultComponent], end_min: float) -> Iterator[dict[str, Any]]:
+def _lanes(
+    runs: Sequence[PlottedRun], faults: Sequence[FaultComponent], end_min: float, start_min: float
+) -> Iterator[dict[str, Any]]:
     """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
     for fault, window in windows(faults, end_min):
-        yield {"name": f"Fault: {fault_in_words(fault)}", "rows": [{"periods": [window], "colour": 1}]}
+        yield {"name": f"Fault: {fault_in_words(fault, start_min)}", "rows": [{"periods": [window], "colour": 1}]}
     for name in STATUS_WORDS.values():
         rows = [{"periods": run.periods.get(name, []), "colour": index} for index, run in enumerate(runs)]
         if any(row["periods"] for row in rows):
@@ -234,7 +236,7 @@ def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultComponent], start_
             f"{exercise_in_words(bout)} at {moment_text(bout.t_min, end_min, start_min)}" for bout in runs[0].exercise
         )
         yield f"Exercise: {'; '.join(bouts)}."
-    yield from (f"Fault: {fault_in_words(fault)}." for fault in faults)
+    yield from (f"Fault: {fault_in_words(fault, start_min)}." for fault in faults)
     for run in runs:
         yield from (_name(runs, run, event, ": ") for event in _events_of(run, start_min))
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.simulation import Trace
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
+
+if TYPE_CHECKING:
+    from glucoloop.simulation import Trace
 
 _MAX_PERIODS: Final = 3
 

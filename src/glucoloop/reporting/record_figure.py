@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _ROW_MM: Final = 58.0
 _MIN_WRITTEN_PCT: Final = 4.0
-"""Least share of the bar that has room for its number."""
+"""Minimum share of the bar that has room for its number."""
 
 
 def plot_records(records: Sequence[Reported], goals: Goals) -> Figure:

@@ -16,7 +16,7 @@ from glucoloop.reporting._style import RANGE_COLOURS
 
 MIN_DAYS: Final = 14.0
 MIN_ACTIVE_PCT: Final = 70.0
-"""Least days, and least share of the readings, for which the consensus takes a record to stand for other days."""
+"""Minimum days, and minimum share of the readings, for which the consensus takes a record to stand for other days."""
 HIGHEST_CV_PCT: Final = 36.0
 
 

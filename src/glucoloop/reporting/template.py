@@ -100,7 +100,7 @@ def _environment(folder: Path) -> jinja2.Environment:
         "shown_unit": shown_unit,
         "thousands": lambda count: f"{count:,}".replace(",", "\u202f"),
         "toml": toml_text,
-        "when_in_words": lambda fault: loaded(f"{_DESCRIPTIONS}:when_in_words")(fault),
+        "when_in_words": lambda fault, start_min: loaded(f"{_DESCRIPTIONS}:when_in_words")(fault, start_min),
         "with_code": with_code,
     }
     return environment

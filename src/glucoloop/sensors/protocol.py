@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY
-from typing import Annotated, Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, Final, Protocol
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import READINGS, Need
 from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, wired
 from glucoloop.component.setting import About
@@ -85,6 +86,25 @@ class SensorComponent(PytreeComponent):
         Such a record has its own white noise, and no delay of the kind that is known to a controller.
         """
         return self
+
+
+SENSORS: Final = Catalogue(
+    SensorComponent,
+    {
+        "ideal": "glucoloop.sensors.protocol:IdealSensor",
+        "white-noise": "glucoloop.sensors.noise:WhiteNoise",
+        "correlated-noise": "glucoloop.sensors.noise:CorrelatedNoise",
+        "lag": "glucoloop.sensors.delay:Lag",
+        "dead-time": "glucoloop.sensors.delay:DeadTime",
+        "breton-2008": "glucoloop.sensors.cgm.breton_2008:Breton2008",
+        "facchinetti-2014": "glucoloop.sensors.cgm.facchinetti_2014:Facchinetti2014",
+        "dexcom-g5": "glucoloop.sensors.cgm.dexcom_g5:DexcomG5",
+        "dexcom-g6": "glucoloop.sensors.cgm.dexcom_g6:DexcomG6",
+        "vettoretti-2019": "glucoloop.sensors.cgm.vettoretti_2019:Vettoretti2019",
+        "cgm-display": "glucoloop.sensors.cgm.display:Display",
+    },
+    example="white-noise, variance=1.45",
+)
 
 
 class IdealSensor(SensorComponent, name="ideal"):

@@ -81,7 +81,7 @@ class Trace:
     rescue_g: jax.Array | None = None
     """(samples, ...) carbohydrate that the person eats at each sample against low glucose; None where there is none."""
     rate_before_mU_min: jax.Array | None = None
-    """Rate until the first sample; None for the rate at rest, where the run has no warm-up."""
+    """Rate until the first sample; None for the rate at steady state, where the run has no warm-up."""
 
     def after(self, samples: int) -> Trace:
         """The trace without its first samples, which were a warm-up; time counts from the end of them."""
@@ -300,7 +300,7 @@ def sample_grid(
 
 
 def start_of(patient: Patient, scenario: Scenario) -> Start:
-    """The patient at rest, at the initial glucose of the scenario."""
+    """The patient at steady state, at the initial glucose of the scenario."""
     insulin = patient.basal_insulin_mU_min
     if scenario.initial_glucose_mg_dl is not None:
         insulin = patient.insulin_for(scenario.initial_glucose_mg_dl)
@@ -324,7 +324,7 @@ def simulate(
     """Simulate the closed loop of one patient or of several.
 
     At each sample the sensor reads, the controller decides, and the pump delivers until the next one. The patient
-    starts at rest, before the warm-up of the scenario if it has one; the trace begins at the end of that.
+    starts at steady state, before the warm-up of the scenario if it has one; the trace begins at the end of that.
 
     Parameters
     ----------

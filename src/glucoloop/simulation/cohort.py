@@ -69,7 +69,7 @@ class People:
 
     patient: Patient
     x: Array
-    """(states, people) states at rest."""
+    """(states, people) steady states."""
     insulin_mU_min: Array
     """(people,) rates under which they rest."""
     key: jax.Array

@@ -76,7 +76,7 @@ def _excite(
 
 
 _MIN_CHANGE_MG_DL: Final = 1e-6
-"""Least change of glucose to which a model is fitted; rounding makes 1e-12 of it."""
+"""Minimum change of glucose to which a model is fitted; rounding makes 1e-12 of it."""
 
 
 @checked
@@ -89,12 +89,12 @@ def excite(
     sample_time_min: float = 5.0,
     integrator: Integrator | None = None,
 ) -> Record:
-    """Give a fasting patient at rest a sequence of infusion rates and read glucose.
+    """Give a fasting patient at steady state a sequence of infusion rates and read glucose.
 
     Parameters
     ----------
     insulin_mU_min : (N,) array
-        Rates, each held over one sample. The patient starts at rest at the basal rate.
+        Rates, each held over one sample. The patient starts at steady state at the basal rate.
     sensor : Sensor, optional
         Sensor; an ideal one by default. One with dead time gives a record from which the dead time is identified too.
     integrator : Integrator, optional

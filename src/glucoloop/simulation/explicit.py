@@ -3,7 +3,7 @@
 The infusion is constant over a sample, exercise and what a rhythm changes are so to the next recorded moment, and the
 meal enters each step as the quadratic with its exact moments, so that the method keeps its fourth order where a meal is
 smooth. Meals that begin at whole minutes begin between two steps. The number of steps follows from the patient's
-fastest rate at rest, beyond which the method would not be stable.
+fastest rate at steady state, beyond which the method would not be stable.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Explicit:
     Parameters
     ----------
     steps_per_min : int, optional
-        Steps of a minute; by default 2, or more where the patient's fastest rate at rest asks for it.
+        Steps of a minute; by default 2, or more where the patient's fastest rate at steady state asks for it.
     """
 
     steps_per_min: int | None = None
@@ -119,12 +119,12 @@ class Explicit:
         if self.steps_per_min is not None:
             raise Refusal(
                 f"{self.steps_per_min} steps per minute are too few for {type(patient).__name__}, whose fastest rate "
-                f"at rest is {fastest:.3g} per minute; give {math.ceil(fastest / _STABLE)} or more, or leave them out"
+                f"at steady state is {fastest:.3g} per minute; give {math.ceil(fastest / _STABLE)} or more, or none"
             )
         if needed > _MAX_STEPS_PER_MIN * point_min:
             raise Refusal(
-                f"the fastest rate of {type(patient).__name__} at rest is {fastest:.3g} per minute, for which the "
-                f"explicit integrator would need {math.ceil(fastest / _STABLE)} steps per minute, more than "
+                f"the fastest rate of {type(patient).__name__} at steady state is {fastest:.3g} per minute, for which "
+                f"the explicit integrator would need {math.ceil(fastest / _STABLE)} steps per minute, more than "
                 f"{_MAX_STEPS_PER_MIN}; put the fast states at their equilibrium, or use the adaptive integrator"
             )
         return needed
@@ -135,7 +135,7 @@ class Explicit:
         Raises
         ------
         ValueError
-            For a patient whose fastest rate at rest asks for shorter steps than were given, or than are of use.
+            For a patient whose fastest rate at steady state asks for shorter steps than were given, or than are of use.
         """
         plant = plant_with(patient, self.steps_per_point(patient, grid), grid)
         steps = plant.steps_per_point * grid.inside_min.size
@@ -162,7 +162,7 @@ def plant_with(patient: Patient, steps_per_point: int, grid: SampleGrid) -> Expl
 
 
 def fastest_rate_per_min(patient: Patient) -> float:
-    """Largest absolute value of the eigenvalues of the derivative's Jacobian at rest, of one person or of many."""
+    """Largest absolute eigenvalue of the derivative's Jacobian at steady state, of one person or of many."""
     return _fastest(Content(patient))
 
 
@@ -175,14 +175,14 @@ def _fastest(content: Content) -> float:
     rates = np.linalg.eigvals(np.moveaxis(jacobian, (0, 1), (-2, -1)))
     if not np.all(np.isfinite(rates)):
         raise Refusal(
-            f"the derivative of {type(patient).__name__} at rest is not finite; look at its state at rest and constants"
+            f"the derivative of {type(patient).__name__} at steady state is not finite; look at it and the constants"
         )
     return float(np.max(np.abs(rates)))
 
 
 @compiled_by_class
 def _jacobian(patient: Patient, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-    """Jacobian of the derivative at rest at midnight, ``(states, states, ...)``."""
+    """Jacobian of the derivative at steady state at midnight, ``(states, states, ...)``."""
     none = jnp.zeros_like(insulin_mU_min)
 
     def derivative(x: jax.Array) -> jax.Array:

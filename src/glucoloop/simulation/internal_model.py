@@ -46,7 +46,7 @@ def linear_model(
     setpoint_mg_dl: float | None = None,
     sensor_lag_min: float = 0.0,
 ) -> LinearModel:
-    """Exact linearisation of a patient at rest, sampled with a zero-order hold; its disturbance is the meal, mg/min.
+    """Exact linearisation at a steady state, sampled with a zero-order hold; the disturbance is the meal, mg/min.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def linear_model(
 
 
 def _at_rest(patient: Patient, setpoint_mg_dl: float | None) -> tuple[jax.Array, jax.Array]:
-    """Rate and state at rest: of the basal operating point, or where glucose is at a setpoint."""
+    """Rate and steady state: of the basal operating point, or where glucose is at a setpoint."""
     insulin = patient.basal_insulin_mU_min
     state = patient.steady_state(insulin)
     if setpoint_mg_dl is not None and setpoint_mg_dl != patient.glucose_mg_dl(state):
@@ -129,7 +129,7 @@ class InternalModel:
 def nonlinear_model(
     patient: Patient, *, sample_time_min: float = 5.0, setpoint_mg_dl: float | None = None
 ) -> InternalModel:
-    """A patient as an internal model at rest.
+    """A patient as an internal model at steady state.
 
     Parameters
     ----------

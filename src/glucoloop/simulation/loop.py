@@ -144,7 +144,7 @@ def begin(
     sensor_key, reading_key = jax.random.split(key)
     seen = _seen(loop, x)
     in_sensor = loop.sensor.init(seen, sensor_key)
-    # The controller wakes at what the first sample will show it.
+    # The controller initialises at what the first sample will show it.
     _, first = loop.sensor.read(in_sensor, seen, jax.random.fold_in(reading_key, 0))
     no_bolus = jnp.zeros_like(insulin_mU_min) if gives_boluses(loop.controller) else None
     observation = _observe(loop, first, (insulin_mU_min, no_bolus), announced_g, time_of_day_min)
@@ -194,7 +194,7 @@ def sample(
         finite = finite & jnp.isfinite(decision.bolus_mU)
     decision = dataclasses.replace(decision, status=jnp.where(finite, decision.status, Status.NO_FINITE_DOSE))
     pump_key = jax.random.fold_in(_for_pump(reading_key), index)
-    # The least that any pump can be asked for, in place of what is no number.
+    # The minimum that any pump can be asked for, in place of what is no number.
     command, bolus = jax.tree.map(
         lambda requested: jnp.where(finite, requested, 0.0), (decision.insulin_mU_min, decision.bolus_mU)
     )

@@ -24,7 +24,7 @@ SUBSTEPS: Final = 8
 
 
 class PulseExperiment:
-    """Readings of fasting people at rest who get a sequence of infusion rates; the patients are as for `Cohort`."""
+    """Readings of fasting people under a sequence of infusion rates from steady state on; patients as for `Cohort`."""
 
     def __init__(self, nominal: Patient, varied: Patient, sensor: Sensor, *, sample_time_min: float) -> None:
         grid = SampleGrid(sample_time_min=sample_time_min, samples=1)

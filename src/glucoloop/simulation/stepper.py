@@ -120,7 +120,7 @@ class Stepper:
     setpoint_mg_dl : float, optional
         Setpoint in the observations; the patient's own by default.
     initial_glucose_mg_dl : float, optional
-        The patient starts at rest at this value; at the setpoint of the patient by default.
+        The patient starts at steady state at this value; at the setpoint of the patient by default.
     allow_unusual : bool
         Whether an implausible glucose, such as 5.5 mg/dl, is accepted.
     key : JAX key or int

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Final, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from glucoloop.component.base import Component, read
 from glucoloop.component.effects import DEAD_TIME, Need
@@ -34,7 +36,9 @@ class Case(Component):
     kind: ClassVar = "case"
     may_have: ClassVar = ("label",)
 
-    controller: Annotated[ControllerComponent, About("The controller.")] = CONTROLLERS[DEFAULT_CONTROLLER].partial({})
+    controller: Annotated[ControllerComponent, About("The controller.")] = dataclasses.field(
+        default_factory=lambda: CONTROLLERS[DEFAULT_CONTROLLER].partial({})
+    )
     label: Annotated[str, About("Name of the case; by default the controller and what was given of it.")] = ""
     known_dead_time: Annotated[
         bool,
@@ -116,13 +120,11 @@ class Case(Component):
         return self.model if isinstance(self.model, IdentifiedComponent) else IdentifiedComponent()
 
 
-_BESIDE: Final = {
-    key: name
-    for name, setting in Case.settings().items()
-    for key in (name, setting.name_without_unit)
-    if name != "controller"
-}
-"""Settings of a case that stand among those of its controller, also without their unit."""
+@functools.cache
+def _beside() -> Mapping[str, str]:
+    """Settings of a case that stand among those of its controller, also by their names without the unit."""
+    settings = {name: setting for name, setting in Case.settings().items() if name != "controller"}
+    return {key: name for name, setting in settings.items() for key in (name, setting.name_without_unit)}
 
 
 class _Cases:
@@ -137,12 +139,12 @@ class _Cases:
         controller = as_table(tree, self.tree)
         of_case: dict[str, Any] = {}
         if isinstance(controller, Mapping):
-            of_case = {key: value for key, value in controller.items() if key in _BESIDE}
-            controller = {key: value for key, value in controller.items() if key not in _BESIDE} or {
+            of_case = {key: value for key, value in controller.items() if key in _beside()}
+            controller = {key: value for key, value in controller.items() if key not in _beside()} or {
                 NAME: GivenValue(DEFAULT_CONTROLLER, place(of_case))
             }
         designed = CONTROLLERS.read(controller, allow_unusual=allow_unusual)
-        for name in _BESIDE.values():
+        for name in _beside().values():
             if name in designed.settings():
                 raise Refusal(
                     f"the controller {designed.called} has a setting {name!r}, which every case has already; its "
@@ -156,7 +158,7 @@ Case.catalogue = _Cases()  # type: ignore[attr-defined]
 
 
 def usual_case(controller: str, situation: Situation) -> Case:
-    """A controller with its usual settings in a situation, on a model identified from an equally noisy record."""
+    """A controller with its default settings in a situation, on a model identified from an equally noisy record."""
     return Case(controller=CONTROLLERS.find(controller).partial({})).completed_in(situation)
 
 

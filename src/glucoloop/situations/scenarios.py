@@ -16,7 +16,7 @@ from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import EXERCISE, MEALS
 from glucoloop.component.grammar import NAME, GivenValue, Tree, given
 from glucoloop.limits import LONGEST_RUN_MIN, MAX_DAYS
-from glucoloop.meals.habits import HABITS, HabitComponent
+from glucoloop.meals.habits import HabitComponent
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.situations.situation import AnnounceBefore, AnnounceMeals, CarbBias, CarbError, StartTime, WarmUp
 from glucoloop.situations.toml import read_file
@@ -25,6 +25,7 @@ from glucoloop.units import MIN_PER_DAY
 
 DEFAULT_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
 """Breakfast, lunch and dinner."""
+_CUSTOM: Final = "custom"
 _meals = functools.partial(Option, panel=PATIENT_PANEL)
 
 
@@ -114,50 +115,6 @@ class ScenarioComponent(DaySettings):
     warm_up_min: WarmUp = 0.0
 
 
-class PlainDay(ScenarioComponent, name="plain-day"):
-    """A day with three meals that are announced and counted exactly."""
-
-    announce_meals: bool = True
-
-
-class UnkindDay(ScenarioComponent, name="unkind-day"):
-    """A day with a snack in the afternoon that nobody announced, and a large late dinner that is announced late."""
-
-    meals: tuple[str, ...] = ("45g@7h", "70g@12h", "110g@21h")
-    announce_meals: bool = True
-    habits: tuple[HabitComponent, ...] = (
-        HABITS.choose("snack, carbs_g=30, time=15.5h, probability=1"),
-        HABITS.choose("announced-late, minutes=20, meal=3"),
-    )
-
-
-class Week(ScenarioComponent, name="week"):
-    """A week as people live it: meals that vary and are counted with errors, snacks, missed boluses, and a weekend."""
-
-    days: int | None = 7
-    announce_meals: bool = True
-    carb_error_pct: float = 20.0
-    meal_size_spread_pct: float = 25.0
-    meal_time_spread_min: float = 30.0
-    habits: tuple[HabitComponent, ...] = (
-        HABITS.choose("weekend"),
-        HABITS.choose("snack, probability=0.4, size_spread_pct=50, time_spread_min=60"),
-        HABITS.choose("announced-late, minutes=5, spread_min=15"),
-        HABITS.choose("unannounced, probability=0.1"),
-        HABITS.choose("skipped, probability=0.03"),
-    )
-
-
-class Year(Week, name="year"):
-    """52 such weeks, the length of the virtual trial of Reenberg et al. (arXiv 2202.13927)."""
-
-    days: int | None = 364
-
-
-class CustomScenario(ScenarioComponent, name="custom"):
-    """A scenario of your own, from a file."""
-
-
 class _Scenarios(Catalogue[ScenarioComponent]):
     """The scenarios; a text that ends in ``.toml`` is the path of a file."""
 
@@ -166,9 +123,17 @@ class _Scenarios(Catalogue[ScenarioComponent]):
         if Path(text.strip()).suffix != ".toml":
             return super().tree(text, where)
         keys = given(read_file(text.strip()).keys, text.strip())
-        return {NAME: GivenValue(CustomScenario.name, where), **keys}
+        return {NAME: GivenValue(_CUSTOM, where), **keys}
 
 
 SCENARIOS: Final = _Scenarios(
-    ScenarioComponent, (PlainDay, UnkindDay, Week, Year, CustomScenario), example="week, days=14"
+    ScenarioComponent,
+    {
+        "plain-day": "glucoloop.situations.scenario_days:PlainDay",
+        "unkind-day": "glucoloop.situations.scenario_days:UnkindDay",
+        "week": "glucoloop.situations.scenario_days:Week",
+        "year": "glucoloop.situations.scenario_days:Year",
+        _CUSTOM: "glucoloop.situations.scenario_days:CustomScenario",
+    },
+    example="week, days=14",
 )

@@ -202,7 +202,7 @@ class Situation(Component):
     warm_up_min: WarmUp = 0.0
     metrics: Annotated[
         tuple[Metric, ...],
-        Option("Metric beside the usual ones, like sensor-accuracy; repeat it for more.", flag="--metric", rare=True),
+        Option("Metric beside the default ones, like sensor-accuracy; repeat it for more.", flag="--metric", rare=True),
     ] = ()
     sample_time_min: Annotated[
         float,
@@ -318,12 +318,12 @@ class Situation(Component):
 
     @property
     def further_metrics(self) -> tuple[str, ...]:
-        """Metrics beside the usual ones, each as its text."""
+        """Metrics beside the default ones, each as its text."""
         return tuple(metric.text for metric in self.metrics)
 
     @property
     def place(self) -> str:
-        """The operating point, with the patient's name where it is another than the usual one."""
+        """The operating point, with the patient's name where it is another than the default one."""
         return self.patient.place
 
     @property
@@ -483,5 +483,5 @@ def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: st
 
 
 def usual_situation(patient: str = DEFAULT_PATIENT.name, operating_point: str | None = None) -> Situation:
-    """A patient at an operating point, the usual one by default, with the usual pump and noise-free readings."""
+    """A patient at an operating point, the default one by default, with the default pump and noise-free readings."""
     return Situation(patient=PATIENTS.find(patient)(operating_point=operating_point))

@@ -52,7 +52,7 @@ class Work:
 class ResumableFolder(ABC):
     """A folder that this process may write to; see `opened`.
 
-    The `results` so far are a file that is written anew as it grows, or a folder of parts. `wanted` results are asked
+    The `results` so far are a file that is written again as it grows, or a folder of parts. `wanted` results are asked
     for, called `unit` in messages, ``"shards"``.
     """
 

@@ -207,8 +207,9 @@ def _notes_on_trace(trace: Trace, metrics: Metrics) -> Iterator[str]:
     without_dose = int(metrics.samples_non_finite)
     if without_dose:
         yield (
-            f"At {without_dose} of {trace.t_min.shape[0]} samples the controller computed no finite dose; the last "
-            "one was kept, or the pump went to its least rate, as the status of the sample says. Check the controller."
+            f"At {without_dose} of {trace.t_min.shape[0]} samples the controller computed no finite dose; the "
+            "last one was kept, or the pump went to its minimum rate, as the status of the sample says. Check the "
+            "controller."
         )
     not_valid = validity_note(trace)
     if not_valid is not None:

@@ -70,7 +70,7 @@ class Study:
     request: type[Component]
     """Class of its requests: its own settings, and those of the run or the trial that it extends."""
     option_texts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Fields of options by key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
+    """Fields of options by key, in place of the default ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"

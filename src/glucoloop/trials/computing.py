@@ -15,24 +15,88 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop._extras import needed_for
+from glucoloop.component.setting import About, Default, declared_setting
 from glucoloop.refusal import Refusal
-from glucoloop.text import one_line
+from glucoloop.text import how_many, one_line
 from glucoloop.trials.folder import TrialFolder
 from glucoloop.trials.shard import Simulate, compute_shard
 from glucoloop.trials.trial import Trial
 
-LOCAL: Final = "local"
+if TYPE_CHECKING:
+    from glucoloop.trials.engine import PreparedTrial
+
+_LOCAL: Final = "local"
+_NUMBER: Final = declared_setting(
+    "--workers", Annotated[int, About("Number of workers.", at_least=1, at_most=4096)], Default(None)
+)
 _RETRIES: Final = 3
 """Number of times that Dask tries a shard again before the trial stops."""
 _IN_FLIGHT_PER_THREAD: Final = 2
 _MIN_IN_FLIGHT: Final = 4
 _CONNECT_S: Final = 30
+_MAX_LABELS: Final = 5
+"""Largest number of cases that are named one by one."""
 _designing = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Place of the computation of a trial, which is no part of the configuration: threads here, or a Dask cluster."""
+
+    number: int | None = None
+    dask: str | None = None
+    """Address of a scheduler, or ``"local"`` for processes of this machine."""
+
+    @classmethod
+    def of(cls, number: str | None = None, dask: str | None = None) -> Self:
+        """The place that options name; Refusal for one that cannot be used, before anything is designed."""
+        workers = None if number is None else _NUMBER.check(_NUMBER.read(number))
+        if dask is not None and dask != _LOCAL and "://" not in dask:
+            raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
+        if dask not in (None, _LOCAL) and workers is not None:
+            raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
+        if dask is not None:
+            library()
+        return cls(workers, dask)
+
+    def cluster(self) -> contextlib.AbstractContextManager[Any]:
+        """A client of the cluster, or None for threads of this process."""
+        return contextlib.nullcontext() if self.dask is None else connected(self.dask, self.number)
+
+    def compute(
+        self, prepared: PreparedTrial, folder: TrialFolder, client: Any, progress: Callable[[float], None]
+    ) -> None:
+        """Compute the missing shards of a folder; `progress` is called with the number of people done since before."""
+        from glucoloop.trials.engine import run_people
+
+        def done(people: float) -> None:
+            progress(people / len(folder.trial.cases))  # which come once under each controller
+
+        if client is not None:
+            run_on_cluster(folder, client, done)
+            return
+        run_here(
+            folder,
+            lambda label, person, traces: run_people(
+                prepared, label, person, traces=traces, threads=self.number, done=done
+            ),
+        )
+
+
+def beginning(trial: Trial) -> str:
+    """Sentence on the work that begins; its first results may take minutes."""
+    controllers = {case.controller.called: case.controller for case in trial.cases}
+    labels = ", ".join(case.label for case in trial.cases)
+    which = labels if len(trial.cases) <= _MAX_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
+    slow = [name for name, controller in controllers.items() if controller.slow]
+    begun = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
+    return f"{begun}; compiling {' and '.join(slow)} takes up to a minute." if slow else f"{begun}."
 
 
 def run_here(folder: TrialFolder, simulate: Simulate) -> None:
@@ -89,7 +153,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     """
     distributed = library()
     options: dict[str, Any] = {"address": address}
-    if address == LOCAL:
+    if address == _LOCAL:
         options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
         options["silence_logs"] = logging.ERROR
     elif workers is not None:
@@ -99,7 +163,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
         stack.callback(logger.setLevel, logger.level)
         logger.setLevel(logging.CRITICAL)  # it would print a traceback of a lost scheduler, which the error tells
         try:
-            with _ignoring_interrupts() if address == LOCAL else contextlib.nullcontext():
+            with _ignoring_interrupts() if address == _LOCAL else contextlib.nullcontext():
                 client = distributed.Client(**options, timeout=_CONNECT_S, set_as_default=False)
             stack.enter_context(client)
         except (OSError, ValueError) as error:

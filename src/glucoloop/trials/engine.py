@@ -128,7 +128,7 @@ def _prepare(trial: Trial) -> PreparedTrial:
 
 
 def people_of(trial: Trial, person: npt.ArrayLike) -> VirtualPeople:
-    """People of a trial at rest at its target, by their numbers."""
+    """People of a trial at steady state at its target, by their numbers."""
     people = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl)
     return with_profiles(trial, people, trial.products)
 

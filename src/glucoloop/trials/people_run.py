@@ -78,7 +78,7 @@ def simulate_people(
     Parameters
     ----------
     people : VirtualPeople
-        People as `virtual_people` draws them; each starts at rest at an individual basal rate.
+        People as `virtual_people` draws them; each starts at steady state at an individual basal rate.
     controller : Controller
         A controller of `glucoloop.control`, or one of your own, which must be made of JAX operations.
     sensor, pump : Sensor, Pump, optional

@@ -98,7 +98,7 @@ def times_pct(counts: npt.NDArray[np.int64]) -> dict[str, npt.NDArray[np.float64
 
 @dataclass
 class Moments:
-    """Count, mean, spread, least and greatest value of numbers."""
+    """Count, mean, spread, minimum and maximum value of numbers."""
 
     count: int = 0
     mean: float = 0.0

@@ -56,7 +56,7 @@ class Histogram:
     """Number of people with a metric in each bin; values beyond the edges are counted in the outermost bins."""
 
     edges: Floats
-    """(bins + 1,) edges from the least p1 to the greatest p99 of all controllers."""
+    """(bins + 1,) edges from the minimum p1 to the maximum p99 of all controllers."""
     counts: npt.NDArray[np.int64]
     """(bins,) numbers of people."""
 
@@ -71,7 +71,7 @@ class TrialSummary:
     of people where some have no value; for one that is 0 or 1, the number of people with 1, and their share), those
     who were ``ever_below`` a glucose, those below the range in which their model is valid, which means severe
     hypoglycemia and not a number, those whose glucose or insulin was not finite, who are in no other number, and the
-    ten with the least glucose, the least first.
+    ten with the minimum glucose, the minimum first.
     """
     cvga_counts: Mapping[str, npt.NDArray[np.int64]]
     """People in each cell of the control-variability grid, by controller."""
@@ -122,7 +122,7 @@ class _Case:
 
 
 def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSummary:
-    """Summary of a trial from its shards, which are read in order; the bound is the greatest rate of the pump.
+    """Summary of a trial from its shards, which are read in order; the bound is the maximum rate of the pump.
 
     Refusal if there is no shard.
     """

@@ -51,7 +51,7 @@ MIN_BLOCK: Final = 64
 _BLOCK_PATIENT_DAYS: Final = 8192
 _MIN_SHARD: Final = 2 * _BLOCK
 _MIN_LONG: Final = 4 * MIN_BLOCK
-"""Number of people in the least shard of a run of more than four weeks, and in one with a slow controller."""
+"""Number of people in the minimum shard of a run of more than four weeks, and in one with a slow controller."""
 _MAX_SHARDS: Final = 1024
 """Number of shards from which on those of a run of more than four weeks have more people."""
 
@@ -69,7 +69,7 @@ def _traces(given: object) -> Literal["none", "all"] | int:
 class Trial(FedSituation):
     """Everything that the results of a trial depend on: a situation, people, meals and controllers.
 
-    Every person starts at rest at the target.
+    Every person starts at steady state at the target.
 
     Person i of a seed is the same, and meets the same meals and noise, under every controller and in every trial of
     the same population, meals and sensor; the division into shards does not change them.
@@ -174,7 +174,7 @@ class Trial(FedSituation):
         return super().completed(usual, noisy=noisy)
 
     def _resolved_population(self) -> Population:
-        """Population of the trial: that of the one person of its patient, the one that is given, or the usual one."""
+        """Population of the trial: that of the one person of its patient, the one that is given, or the default one."""
         from glucoloop.patients.population import Population
 
         if self.patient.person is not None and not isinstance(self.population, Population):
@@ -222,7 +222,7 @@ class Trial(FedSituation):
 
     @property
     def planned_meals(self) -> tuple[str, ...]:
-        """Texts of the meals of the plan, of the usual ones those within a run that is shorter than a day."""
+        """Texts of the meals of the plan, of the default ones those within a run that is shorter than a day."""
         from glucoloop.situations.meal_text import parse_meal, same_meals
 
         if self.duration_min is None or self.meals != same_meals(DEFAULT_DAY):
@@ -335,7 +335,7 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow
 
 
 def population_of(given: object, patient: str) -> Population:
-    """Population of a patient: the usual one, one by its name or from a file, or a table."""
+    """Population of a patient: the default one, one by its name or from a file, or a table."""
     from glucoloop.patients.population import Population, population_names
     from glucoloop.situations.population import named_population, read_population
 

@@ -32,7 +32,7 @@ _MORE: Final = 1e-3
 
 
 class Evolution:
-    """Points of the greatest score, asked for a generation at a time.
+    """Points of the maximum score, asked for a generation at a time.
 
     Each of the searches side by side begins around a point that `centre` draws, from -1 to 1 in each coordinate. A
     `start_point` is tried first, and the first search continues from it.
@@ -56,7 +56,7 @@ class Evolution:
         return np.concatenate([start.ask() for start in self._starts])
 
     def tell(self, score: Array) -> None:
-        """Take the score of each point that was asked for last; NaN counts as the least."""
+        """Take the score of each point that was asked for last; NaN counts as the minimum."""
         for start, scores in zip(self._starts, np.split(score, len(self._starts)), strict=True):
             start.tell(scores)
 

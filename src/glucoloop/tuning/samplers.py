@@ -158,5 +158,12 @@ class _RandomSettings(SamplerComponent, name="random"):
 
 
 SAMPLERS: Final = Catalogue(
-    SamplerComponent, (_TPESettings, _NSGA2Settings, _RandomSettings), example="tpe, seed=3", unnamed=True
+    SamplerComponent,
+    {
+        "tpe": "glucoloop.tuning.samplers:_TPESettings",
+        "nsga2": "glucoloop.tuning.samplers:_NSGA2Settings",
+        "random": "glucoloop.tuning.samplers:_RandomSettings",
+    },
+    example="tpe, seed=3",
+    unnamed=True,
 )

@@ -1,7 +1,7 @@
 """Search over a grid: every tuning is tried in the loop.
 
-Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV to VI: the least sum of squared errors subject
-to the constraints (17) to (19) and to no oscillation.
+Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV to VI: the smallest sum of squared errors
+subject to the constraints (17) to (19) and to no oscillation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from glucoloop.build.designs import design_of
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.component.setting import Value
 from glucoloop.control import Controller, MPCTuning, StateTuning
-from glucoloop.control.catalogue import TUNABLE, controller_entry
+from glucoloop.control.catalogue import controller_entry, tunable
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.models.step_response import StepResponseModel
@@ -40,7 +40,7 @@ def kind_of_tuning(controller: str) -> type[MPCTuning]:
     """Kind of the tunings of a controller that can be tuned: `StateTuning` if it has a reference filter."""
     entry = controller_entry(controller)
     if not entry.tunable:
-        raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
+        raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(tunable())}")
     return StateTuning if "reference_filter" in entry.settings() else MPCTuning
 
 
@@ -277,7 +277,7 @@ def paper_tuning_surface(
 ) -> TuningSurface:
     """Search m from 1 to 4, p from m to 14 and phi_r from .3 to .8, without noise.
 
-    The paper says that its tunings give the least sum of squared errors subject to the constraints and to no
+    The paper says that its tunings give the smallest sum of squared errors subject to the constraints and to no
     oscillation. In these loops the sum keeps falling with more moves and a faster reference, up to where the loop
     oscillates.
     """

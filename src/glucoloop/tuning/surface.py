@@ -24,7 +24,7 @@ class TuningRank:
 
     tuning: MPCTuning
     rank: int | None
-    """Rank by the sum of squared errors among the acceptable points, 1 for the least; None for a tuning that is not
+    """Rank by the sum of squared errors among the acceptable points, 1 for the minimum; None for a tuning that is not
     acceptable.
     """
     points: int
@@ -79,7 +79,7 @@ class TuningSurface:
         return np.lexsort((sse, ~self.acceptable))
 
     def best_index(self) -> int:
-        """The acceptable point with the least sum of squared errors; refused if no point is acceptable."""
+        """The acceptable point with the smallest sum of squared errors; refused if no point is acceptable."""
         first = int(self.order()[0])
         if not self.acceptable[first]:
             raise Refusal(
@@ -89,7 +89,7 @@ class TuningSurface:
         return first
 
     def best(self) -> MPCTuning:
-        """The acceptable tuning with the least sum of squared errors; raises as `best_index`."""
+        """The acceptable tuning with the smallest sum of squared errors; raises as `best_index`."""
         return self.tunings[self.best_index()]
 
     def index(self, tuning: MPCTuning) -> int:

@@ -20,7 +20,7 @@ Values = npt.NDArray[np.float64]
 SAMPLE_MIN: Final = 5.0
 SAMPLES_PER_DAY: Final = round(MIN_PER_DAY / SAMPLE_MIN)
 LONGEST_GAP_MIN: Final = MIN_PER_DAY
-"""Time without readings after which a record begins anew: what happened before says nothing of the state after."""
+"""Time without readings after which a record begins again: what happened before says nothing of the state after."""
 FEWEST_MEALS: Final = 3
 FEWEST_READINGS: Final = 100
 _MEALS_TOGETHER: Final = 32

@@ -31,7 +31,7 @@ _DEFAULT_LOG: Final = np.log([10.0, 60.0, 2.5])
 _WEAK_SD: Final = 1.0
 _STEPS: Final = 40
 _MIN_MG_DL: Final = 0.3
-"""Least part of each reading alone: readings are whole numbers."""
+"""Minimum part of each reading alone: readings are whole numbers."""
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """Simulation of the people of a family under recorded doses and meals, of which JAX takes derivatives.
 
 The patient is carried by the classical Runge-Kutta method from sample to sample; the doses of a sample are given evenly
-over it, and a meal enters each step with its exact moments. The state at the start is the one at rest at a glucose near
-the first reading: by how much it differs is one more coordinate of a twin, and the first hours, in which the state
-forgets its start, are not compared with readings.
+over it, and a meal enters each step with its exact moments. The state at the start is the one at steady state at a
+glucose near the first reading: by how much it differs is one more coordinate of a twin, and the first hours, in which
+the state forgets its start, are not compared with readings.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def test_a_true_meal_is_found_and_sized(two_states, quiet, readings):
     estimate, _ = told(two_states, quiet, readings, np.full(N, 20.0))
     eating = np.asarray(estimate.eating)
     assert eating[:10].max() < 0.01
-    assert 10 <= np.argmax(eating > 0.5) <= 16  # a rate that walks is believed later than a meal
+    assert 10 <= np.argmax(eating > 0.5) <= 16  # a rate that walks is accepted later than a meal
     emptying = jax.vmap(lambda stomach: stomach.emptying_mg_min)(estimate.stomach)
     np.testing.assert_allclose(emptying[24:37], 360.0, rtol=0.02)
     assert float(estimate.carbs_g[-1]) == pytest.approx(28 * 1.8, abs=1.8)

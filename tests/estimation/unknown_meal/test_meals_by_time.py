@@ -83,7 +83,7 @@ def test_an_earlier_time_of_day_is_one(time, minutes):
 
 @pytest.fixture(scope="module")
 def record(record_of):
-    """A person at rest for an hour, who then eats for an hour and a half, with noise."""
+    """A person at steady state for an hour, who then eats for an hour and a half, with noise."""
     insulin = np.full(30, 20.0)
     readings = np.append(80.0, record_of(np.repeat([0.0, 1.0], [12, 18]), insulin))[:30]
     return 5.0 * np.arange(30), readings + np.random.default_rng(4).normal(0.0, 0.8, 30), insulin

@@ -30,7 +30,7 @@ STEPS = jax.jit(
 
 
 def told(model, estimator, readings, insulin=None, reported=True):
-    """Estimates and probabilities along a record that begins at rest; what is short of N readings is missing."""
+    """Estimates and probabilities along a record that begins at steady state; fewer than N readings are missing."""
     short = N - np.size(readings)
     readings = np.append(np.asarray(readings, float), np.full(short, np.nan))
     insulin = np.full(N, float(model.insulin_mU_min)) if insulin is None else np.append(insulin, np.full(short, 20.0))

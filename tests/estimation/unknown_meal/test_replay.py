@@ -79,7 +79,7 @@ def test_behind_a_known_lag_of_the_sensor_glucose_itself_is_estimated(two_states
 
 @pytest.mark.long
 def test_what_came_before_is_told_by_its_rate(two_states, filtered):
-    # at rest under half the basal rate, glucose is where the model says it is, and nothing appears
+    # at steady state under half the basal rate, glucose is where the model says it is, and nothing appears
     rest = 3.0 - 0.25 * 10.0 / 0.2, 80.0 + 0.6 * 0.25 * 10.0 / 0.2 / 0.08
     record = 5.0 * np.arange(N), np.full(N, rest[1]), np.full(N, 10.0)
     told = estimate_meals(two_states, filtered, *record, initial_insulin_mU_min=10.0)

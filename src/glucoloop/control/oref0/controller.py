@@ -52,7 +52,7 @@ _LOWEST_MG_DL, _HIGHEST_MG_DL = 39.0, 600.0
 """
 _LONG_AGO_MIN: Final = 1e4
 _MIN_BASAL_U_H: Final = 0.01
-"""Least basal rate of a profile, so that a person without one has finite numbers."""
+"""Minimum basal rate of a profile, so that a person without one has finite numbers."""
 _MEALS_A_DAY, _MEAL_SHARE = 3.0, 0.5
 """Mean meal of the rule for insulin on board: a third of half the total daily dose."""
 _BASAL_HOURS: Final = 3.0
@@ -120,7 +120,7 @@ class Oref0Settings(ByProfile, name="oref0"):
         ),
     ] = 30.0
     smb_interval_min: Annotated[
-        float, About("Least time from one bolus to a microbolus.", at_least=1.0, at_most=10.0)
+        float, About("Minimum time from one bolus to a microbolus.", at_least=1.0, at_most=10.0)
     ] = 3.0
     bolus_increment_U: Annotated[float, About("Step of microboluses.", above=0.0, quantity=BOLUS_STEP)] = 0.1
     max_delta_bg_threshold: Annotated[
@@ -128,7 +128,7 @@ class Oref0Settings(ByProfile, name="oref0"):
         About("Rise in 5 min, as a share of glucose, above which no microbolus is given.", above=0.0, at_most=0.3),
     ] = 0.2
     min_5m_carbimpact: Annotated[
-        float, About("Least rise of glucose by carbohydrate on board, in mg/dl per 5 min.", above=0.0)
+        float, About("Minimum rise of glucose by carbohydrate on board, in mg/dl per 5 min.", above=0.0)
     ] = 8.0
     max_cob_g: Annotated[float, About("Largest carbohydrate on board.", above=0.0)] = 120.0
     remaining_carbs_fraction: Annotated[
@@ -357,7 +357,7 @@ def design_oref0(
     """Controller that doses as oref0 0.7.1 does. Research only: it is neither oref0 nor a medical device.
 
     Four forecasts start from the reading, by insulin on board, carbohydrate on board, glucose that nobody announced,
-    and no basal insulin. By the least of them, insulin is suspended; by where they end, a temporary basal rate or a
+    and no basal insulin. By the minimum of them, insulin is suspended; by where they end, a temporary basal rate or a
     microbolus is given, of half the insulin that is wanting.
 
     ==================  ==========================================================  =====================

@@ -28,12 +28,12 @@ from glucoloop.control.oref0.records import (
 )
 
 _NONE: Final = 999.0
-"""Least predicted glucose where there is none."""
+"""Minimum predicted glucose where there is none."""
 _LOWEST, _HIGHEST = 39.0, 401.0
 _KEPT: Final = 48
 """Points of a line, the reading included."""
 _INSULIN_PEAK, _UAM_WAIT = 18, 12
-"""Points after which the least glucose counts, 90 min and 60 min."""
+"""Points after which the minimum glucose counts, 90 min and 60 min."""
 _MAX_ABSORPTION_G_H, _ASSUMED_ABSORPTION_G_H, _MIN_ABSORPTION_H = 30.0, 20.0, 3.0
 
 
@@ -225,7 +225,7 @@ def _line(bg: jax.Array, effects: tuple[jax.Array, ...]) -> jax.Array:
 
 
 def _least(line: jax.Array, first: int = 1) -> jax.Array:
-    """Least glucose of a line from a point on, rounded; 999 without points."""
+    """Minimum glucose of a line from a point on, rounded; 999 without points."""
     return jnp.min(whole(line[first:]), axis=0, initial=_NONE)
 
 
@@ -250,7 +250,7 @@ def _last_above(line: jax.Array, other: jax.Array) -> jax.Array:
 def _between_uam_and_zt(
     min_uam: jax.Array, guard_zt: jax.Array, target_bg: jax.Array, threshold: jax.Array
 ) -> jax.Array:
-    """``minZTUAMPredBG``: the least of the UAM line, drawn toward that of ZT."""
+    """``minZTUAMPredBG``: the minimum of the UAM line, drawn toward that of ZT."""
     part = (guard_zt - threshold) / (target_bg - threshold)
     half_way = (min_uam + guard_zt) / 2.0
     in_part = (min_uam + (min_uam * part + guard_zt * (1.0 - part))) / 2.0

@@ -62,7 +62,7 @@ class MealData:
     slope_from_max_deviation: jax.Array
     """Change of the deviation since its largest value of half an hour, at most 0 [mg/dl/5 min per 5 min]."""
     slope_from_min_deviation: jax.Array
-    """Change of the deviation since its least value of half an hour, at least 0 [mg/dl/5 min per 5 min]."""
+    """Change of the deviation since its minimum value of half an hour, at least 0 [mg/dl/5 min per 5 min]."""
     last_carb_age_min: jax.Array
     """Time since the last meal; any number without one."""
 
@@ -96,7 +96,7 @@ class DosingProfile:
     bolus_increment_U: jax.Array | float = 0.1
     max_delta_bg_threshold: jax.Array | float = 0.2
     min_5m_carbimpact: jax.Array | float = 8.0
-    """Least appearance of carbohydrate on board that is taken for granted [mg/dl/5 min]."""
+    """Minimum appearance of carbohydrate on board that is taken for granted [mg/dl/5 min]."""
     max_cob_g: jax.Array | float = 120.0
     remaining_carbs_fraction: jax.Array | float = 1.0
     remaining_carbs_cap_g: jax.Array | float = 90.0

@@ -1,4 +1,4 @@
-"""A model at rest with a disturbance: glucose that appears, or is lost, for no known reason."""
+"""A model at steady state with a disturbance: glucose that appears, or is lost, for no known reason."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ LARGEST_INNOVATION_MG_DL: Final = 30.0
 _REST_MG: Final = 2000.0
 """Content of the gut that is small beside a meal's: the plateau of the emptying fills it to 21 600 mg."""
 _FARTHEST_MG_DL: Final = 300.0
-"""Largest distance of a believed reading from the glucose at which the model rests."""
+"""Largest distance of an accepted reading from the glucose at which the model rests."""
 _BELIEVED: Final = 5.0
-"""Number of standard deviations within which a reading is believed; more is not explained by noise."""
+"""Number of standard deviations within which a reading is accepted; more is not explained by noise."""
 
 
 def fading(disturbance_mg_min: jax.Array, before: Stomach, after: Stomach) -> jax.Array:
@@ -67,9 +67,9 @@ class Waking:
     """Initial estimate for a person whose glucose is not that at which the model rests."""
 
     by_insulin: jax.Array
-    """(n,) state at rest per mU/min."""
+    """(n,) steady state per mU/min."""
     by_disturbance: jax.Array
-    """(n,) state at rest per mg/min of appearance."""
+    """(n,) steady state per mg/min of appearance."""
     glucose_by_disturbance: jax.Array
     noise_mg_dl: jax.Array
     """Standard deviation of a reading."""
@@ -77,7 +77,7 @@ class Waking:
     def wake(
         self, model: FedModel, insulin_mU_min: jax.Array, glucose_mg_dl: jax.Array, known: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """State and disturbance at rest under a rate that explain the part of a reading that noise does not explain."""
+        """Steady state and disturbance under a rate that explain the part of a reading that noise does not."""
         x = model.state + self.by_insulin * (insulin_mU_min - model.insulin_mU_min)
         away = jnp.where(known, glucose_mg_dl - model.glucose_mg_dl(x), 0.0)
         away = jnp.clip(away, -_FARTHEST_MG_DL, _FARTHEST_MG_DL)

@@ -1,4 +1,4 @@
-"""Expectation of an estimator of meals at rest, and an estimate from which it is removed."""
+"""Expectation of an estimator of meals at steady state, and an estimate from which it is removed."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from glucoloop.meals.stomach import Stomach
 from glucoloop.models.nonlinear import FedModel
 
 _SAMPLES: Final = 60
-"""Number of samples after which the expectation of a person at rest has settled."""
+"""Number of samples after which the expectation of a person at steady state has settled."""
 
 
 @pytree
 class Expectation:
-    """A person at rest as described by an estimator that assumes that meals begin now and then.
+    """A person at steady state as described by an estimator that assumes that meals begin now and then.
 
-    The noisier the sensor, the less do readings at rest say against a meal, and the fewer meals may be expected. So
-    each value is there for each of the sizes of the sensor's error in `estimation.noise_level`, on its first axis.
-    Where the rate of meals depends on the time of day, an axis of the rates comes before it.
+    The noisier the sensor, the less do readings at steady state say against a meal, and the fewer meals may be
+    expected. So each value is there for each of the sizes of the sensor's error in `estimation.noise_level`, on its
+    first axis. Where the rate of meals depends on the time of day, an axis of the rates comes before it.
     """
 
     eating: jax.Array
@@ -48,8 +48,8 @@ class Expectation:
         """Estimate without a share `taken` of the meal that is always expected.
 
         Expecting a little of a meal at every sample would hold glucose a little below the setpoint. The expectation is
-        removed in proportion to the probability that there is no meal: all of it at rest, and nothing during a meal
-        that is certain.
+        removed in proportion to the probability that there is no meal: all of it at steady state, and nothing during a
+        meal that is certain.
         """
         expected = self._at(estimate.noise_mg_dl, time_of_day_min)
         share = taken * (1.0 - estimate.eating) / (1.0 - expected.eating)
@@ -62,14 +62,14 @@ class Expectation:
 
 
 def expectation(estimator: MealEstimator, model: FedModel) -> Expectation:
-    """Expectation of an estimator whose readings are, sample by sample, those that it predicts for a person at rest."""
+    """Expectation of an estimator that reads, sample by sample, what it predicts for a person at steady state."""
     each = [_at_levels(one, model) for one in estimator.at_each_rate()]
     last = each[0] if estimator.daily is None else _stacked(each)
     return Expectation(eating=last.eating, x=last.x - model.state, stomach=last.stomach, daily=estimator.daily)
 
 
 def _at_levels(estimator: MealEstimator, model: FedModel) -> MealEstimate:
-    """Last estimates at rest, for each size of the sensor's error."""
+    """Last estimates at steady state, for each size of the sensor's error."""
     return _stacked([_at_rest(estimator.at_noise(deviation), model) for deviation in LEVELS_MG_DL])
 
 
@@ -80,7 +80,7 @@ def _stacked(estimates: list[MealEstimate]) -> MealEstimate:
 
 @jit()
 def _at_rest(estimator: MealEstimator, model: FedModel) -> MealEstimate:
-    """Last estimate of a person at rest."""
+    """Last estimate of a person at steady state."""
     sensed = Sensed(
         glucose_mg_dl=jnp.asarray(model.glucose_mg_dl(model.state)),
         known=jnp.asarray(True),

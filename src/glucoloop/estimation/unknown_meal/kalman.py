@@ -105,7 +105,7 @@ class MealKalman:
         return self
 
     def init(self, model: FedModel, sensed: Sensed) -> _MealKalmanState:
-        """State of a fasting person at rest; the unexplained part of the first reading counts as lasting emptying."""
+        """Steady state of a fasting person; the unexplained part of the first reading counts as lasting emptying."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
         none = jnp.zeros_like(disturbance)
         gut = disturbance * GUT_TIME_CONSTANT_MIN

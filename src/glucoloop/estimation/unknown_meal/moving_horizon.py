@@ -104,7 +104,7 @@ class MovingHorizonSettings(EstimatorComponent, name="moving-horizon"):
     horizon: Annotated[int, _samples("Samples over which the beginning or end of a meal is searched for, L.")] = 6
     fast_horizon: Annotated[int, _samples("The same for meals through a fast gut, F.")] = 4
     largest_disturbance_mg_min: Annotated[
-        float, About("Largest unexplained appearance of glucose that is believed, to either side.", above=0.0)
+        float, About("Largest unexplained appearance of glucose that is accepted, to either side.", above=0.0)
     ] = 100.0
     noise_drift: Annotated[
         float,
@@ -177,7 +177,7 @@ class MealHorizon:
     drift: jax.Array
     """(levels, levels) matrix by which the probabilities of the sizes pass from sample to sample."""
     largest_disturbance_mg_min: jax.Array | float
-    """Largest disturbance that is believed, to either side."""
+    """Largest disturbance that is accepted, to either side."""
     begins: jax.Array
     """(levels,) probability that a meal begins in a sample, for each of `LEVELS_MG_DL`, or (rates, levels)."""
     ends: jax.Array
@@ -219,7 +219,7 @@ class MealHorizon:
         )
 
     def init(self, model: FedModel, sensed: Sensed) -> _MealHorizonState:
-        """State of a fasting person at rest."""
+        """State of a fasting person at steady state."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
         fasting = Hypothesis(
             x=x,

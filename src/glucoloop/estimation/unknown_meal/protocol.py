@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Final, Protocol
 
 from glucoloop._lazy_jax import jax
 from glucoloop._pytree import pytree
 from glucoloop.component.base import MadeComponent
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.estimation.unknown_meal.habits import DailyRates
 from glucoloop.meals.stomach import Announced, Stomach
 from glucoloop.models.nonlinear import FedModel
@@ -69,7 +70,7 @@ class MealEstimator(Protocol):
         """The same estimator for a sensor whose correlated error has a known standard deviation."""
 
     def init(self, model: FedModel, sensed: Sensed) -> Any:
-        """State before the first sample, of a person at rest."""
+        """State before the first sample, of a person at steady state."""
 
     def step(self, model: FedModel, state: Any, sensed: Sensed) -> tuple[Any, MealEstimate]:
         """Carry the state to this sample and correct it by the reading."""
@@ -84,3 +85,14 @@ class EstimatorComponent(MadeComponent):
     """
 
     kind: ClassVar = "estimator"
+
+
+ESTIMATORS: Final = Catalogue(
+    EstimatorComponent,
+    {
+        "moving-horizon": "glucoloop.estimation.unknown_meal.moving_horizon:MovingHorizonSettings",
+        "kalman": "glucoloop.estimation.unknown_meal.kalman:KalmanSettings",
+    },
+    example="moving-horizon, fast_meals=0",
+    unnamed=True,
+)

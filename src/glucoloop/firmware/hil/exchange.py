@@ -194,7 +194,7 @@ class Exchange:
             self._observations = {current: self._observations[current]}
             self._new_session(current)
         elif not self._memory_in_question:
-            # Perhaps an old frame that was late: only an answer to a question of now is believed.
+            # Perhaps an old frame that was late: only an answer to a question of now is accepted.
             self._memory_in_question = True
             self._question += 1
             self._ask()

@@ -22,7 +22,7 @@ from glucoloop.units import MIN_PER_DAY
 
 _MG_DL_PER_MMOL_L_OF_GRADE = 18.0
 _MIN_OF_A_DAY = 3
-"""Least number of readings of a day that counts for the ADRR, after Kovatchev et al. (2006)."""
+"""Minimum number of readings of a day that counts for the ADRR, after Kovatchev et al. (2006)."""
 
 Numbers = Mapping[str, float]
 

@@ -39,7 +39,7 @@ class GlucoseEpisode(NamedTuple):
     duration_min: float
     """Time from its first reading to the first one after it, or to the gap in which it ends."""
     extreme_mg_dl: float
-    """Least or greatest glucose."""
+    """Minimum or maximum glucose."""
     clock_min: float
     """Time on the wall at its first reading, after midnight of day 0."""
 

@@ -57,7 +57,7 @@ def amplitude(readings: Readings) -> Mapping[str, float]:
 
     Glucose is taken every 5 min, and what is missing is passed over; a gap of more than 3 h parts the record. In each
     part, from one crossing of a moving average of 5 points with one of 32 to the next, there is a peak where the first
-    is the greater and a nadir where it is the less: the greatest, or least, glucose from the turn before to the end of
+    is the greater and a nadir where it is the less: the maximum, or minimum, glucose from the turn before to the end of
     the stretch. A swing of at most the standard deviation of the part is passed over. The mean rise and the mean fall
     of each part count by its duration, and MAGE is the mean of both.
 

@@ -22,7 +22,7 @@ _MAX_DAYS: Final = 36_525
 _DIVISORS: Final = tuple(step for step in range(1, 361) if MIN_PER_DAY % step == 0)
 _MIN_READINGS: Final = 2
 _AROUND: Final = 6
-"""Number of steps to each side of which the step of a sensor is the median."""
+"""Number of steps to each side that tell the step of a sensor."""
 _EARLY, _LATE, _MOST = 0.75, 1.25, 0.98
 
 
@@ -73,7 +73,7 @@ class Readings:
     weight_min: Floats | None = None
     """(n,) time that each reading stands for; None where all stand for the same."""
     clock_shift_min: Floats | None = None
-    """(n,) minutes by which the clock on the wall is ahead of that of the first reading; None where it never changes."""
+    """(n,) minutes by which the clock on the wall is ahead of that of the first reading; None where it is never set."""
 
     @classmethod
     def of(
@@ -238,8 +238,9 @@ class Readings:
 def _weights_min(t_min: Floats) -> Floats | None:
     """Time that each reading stands for: until the next one, and at most one step of the sensor; None where all alike.
 
-    The step of a sensor is the median of those around, at most `LONGEST_FILLED_MIN`. A reading stands for it as a whole
-    where the next one is late by any time, or early by up to a quarter, as readings of a sensor are.
+    The step of a sensor is the second least of some before or after, at most `LONGEST_FILLED_MIN`, so that missing
+    readings make it no longer. A reading stands for it as a whole where the next one is late by any time, or early by
+    up to a quarter, as readings of a sensor are.
     """
     steps = np.diff(t_min)
     usual = max(1.0, round(float(np.median(steps))))
@@ -248,9 +249,15 @@ def _weights_min(t_min: Floats) -> Floats | None:
         # a change to longer steps is one of the sensor; a few that are late are readings that are missing
         if inside.size >= _MOST * steps.size or usual >= LONGEST_FILLED_MIN:
             return None
-    near = np.pad(steps, _AROUND, mode="edge")
-    local = np.median(np.lib.stride_tricks.sliding_window_view(near, 2 * _AROUND + 1), axis=-1)
-    local = np.minimum(np.maximum(1.0, np.rint(local)), LONGEST_FILLED_MIN)
+    before, after = _least_steps(steps[::-1])[::-1], _least_steps(steps)
+    nearer = np.abs(np.log(steps / before)) <= np.abs(np.log(steps / after))
+    local = np.where(nearer, before, after)
     weights = np.where(steps >= _EARLY * local, local, steps)
     result = np.append(weights, weights[-1])
-    return None if np.all(result == result[0]) else result
+    return None if np.count_nonzero(result != np.median(result)) <= _AROUND else result
+
+
+def _least_steps(steps: Floats) -> Floats:
+    """Second least of each step and those after it, in whole minutes."""
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(steps, (0, _AROUND), mode="reflect"), _AROUND + 1)
+    return np.minimum(np.maximum(1.0, np.rint(np.partition(near, 1, axis=-1)[:, 1])), LONGEST_FILLED_MIN)

@@ -44,7 +44,7 @@ def _populations() -> dict[str, Any]:
 def _refuse_impossible(varied: Mapping[str, Distribution]) -> None:
     """Refuse distributions that can make an impossible person.
 
-    Every constant must stay above 0, what is a share below 1, and the stomach must not empty faster at its least.
+    Every constant must stay above 0, what is a share below 1, and the stomach must not empty faster at its minimum.
     """
     for name, distribution in varied.items():
         if not distribution.lower > 0.0 or (name in _SHARES and not distribution.upper < 1.0):

@@ -29,8 +29,8 @@ class DallaManPatient(OdePatient):
     insulin_sensitivity: ClassVar[tuple[str, ...]] = ("k_p3", "V_mx")
     """Constants that Visentin et al. (2015) multiply, by which insulin acts on the liver and on tissue.
 
-    k_p1 stays as it is, although it is EGP_b + k_p2 G_pb + k_p3 I_b of the person at rest: production is then less
-    suppressed by basal insulin too while sensitivity is low, as in the other families, and glucose rises. If k_p1
+    k_p1 stays as it is, although it is EGP_b + k_p2 G_pb + k_p3 I_b of the person at steady state: production is then
+    less suppressed by basal insulin too while sensitivity is low, as in the other families, and glucose rises. If k_p1
     followed, all that is lost would be the effect of insulin above basal, as it is on uptake, whose V_mx multiplies the
     excess over I_b.
     """

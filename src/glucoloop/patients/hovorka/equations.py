@@ -110,7 +110,7 @@ class HovorkaConstants:
 
     @abstractmethod
     def glucose_at_rest(self, made: jax.Array, disposal: jax.Array) -> jax.Array:
-        """Q1 at rest [mmol], for a production [mmol/min] and what insulin disposes of per Q1 [1/min]."""
+        """Q1 at steady state [mmol], for a production [mmol/min] and what insulin disposes of per Q1 [1/min]."""
 
     @abstractmethod
     def insulin_at_rest(self, Q1: jax.Array, loss: jax.Array) -> jax.Array:
@@ -118,7 +118,7 @@ class HovorkaConstants:
 
     @abstractmethod
     def infusion_without_production_mU_min(self) -> jax.Array:
-        """Least constant infusion at rest under which the liver makes no glucose, so that glucose falls to zero."""
+        """Minimum constant infusion under which the liver ends up making no glucose, so that glucose falls to zero."""
 
 
 @pytree
@@ -141,7 +141,7 @@ class HovorkaParameters(HovorkaConstants):
         return self.EGP_0 * self.weight_kg * jnp.maximum(1.0 - x3, 0.0)
 
     def glucose_at_rest(self, made: jax.Array, disposal: jax.Array) -> jax.Array:
-        """Q1 at rest: the balance is linear below, between and above the two thresholds."""
+        """Q1 at steady state: the balance is linear below, between and above the two thresholds."""
         V_G, uptake, k_R = self.glucose_volume_l, self.F_01 * self.weight_kg, self.renal_clearance
         scarce = made / (uptake / (self.uptake_threshold * V_G) + disposal)
         plentiful = (made - uptake + k_R * self.renal_threshold * V_G) / (k_R + disposal)

@@ -90,8 +90,8 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
         """Diagonal of the process noise covariance `(9,)` that a Kalman filter of this patient takes.
 
         The variances are those of glucose in (mg/dl)^2, as which both amounts of glucose vary, and of plasma insulin in
-        (mU/l)^2; depots and effects vary as they would at rest under the infusion that makes up such an insulin. The
-        model has no glucagon.
+        (mU/l)^2; depots and effects vary as they would at steady state under the infusion that makes up such an
+        insulin. The model has no glucagon.
         """
         p = jax.tree.map(float, self.parameters)
         amount = p.V_G * p.weight_kg / MG_DL_PER_MMOL_L
@@ -109,7 +109,7 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
         return jnp.concatenate([y, z])
 
     def working_state(self) -> jax.Array:
-        """State at rest under the basal rate."""
+        """Steady state under the basal rate."""
         return self.steady_state(self.basal_insulin_mU_min)
 
     def stiff_couplings(self) -> npt.NDArray[np.bool_]:

@@ -31,14 +31,14 @@ def insulin_at_rest(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array
 
 
 def _state(p: HovorkaConstants, Q1: jax.Array, insulin: jax.Array) -> jax.Array:
-    """State at rest, with Q1 and insulin at rest."""
+    """Steady state, with Q1 and insulin at steady state."""
     Q2 = insulin[3] * Q1 / (p.k_12 + insulin[4])
     return jnp.concatenate([jnp.stack([Q1, Q2, Q1 / p.glucose_volume_l]), insulin])
 
 
 @jax.jit
 def rest_under(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
-    """State at rest `(9, ...)` under a constant infusion `(...)` of 0 or more."""
+    """Steady state `(9, ...)` under a constant infusion `(...)` of 0 or more."""
     u = jnp.broadcast_to(jnp.asarray(insulin_mU_min, float), shape_of_people(p, insulin_mU_min))
     insulin = insulin_at_rest(p, u)
     x1, x2, x3 = insulin[3:]
@@ -68,6 +68,6 @@ def rest_at(p: HovorkaConstants, glucose_mg_dl: jax.Array) -> tuple[jax.Array, j
 
 
 def glucose_without_insulin_mg_dl(p: HovorkaConstants) -> jax.Array:
-    """Plasma glucose `(...)` at rest without insulin: the highest that an infusion can hold."""
+    """Plasma glucose `(...)` at steady state without insulin: the highest that an infusion can hold."""
     x: jax.Array = rest_under(p, jnp.asarray(0.0))
     return x[2] * MG_DL_PER_MMOL_L

@@ -16,7 +16,7 @@ from glucoloop.patients.variation import Distribution, refuse_not_positive
 from glucoloop.refusal import Refusal
 
 MIN_OF_MEAN: Final = 0.1
-"""Least value as a fraction of the mean, where one standard deviation below the mean is not positive."""
+"""Minimum value as a fraction of the mean, where one standard deviation below the mean is not positive."""
 
 
 class Normal(NamedTuple):

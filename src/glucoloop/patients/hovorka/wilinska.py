@@ -36,9 +36,9 @@ class WilinskaParameters(HovorkaConstants):
     """The constants of Wilinska et al. (2010)."""
 
     uptake_half: jax.Array | float
-    """Glucose at which the uptake that needs no insulin is half of its greatest, mmol/l."""
+    """Glucose at which the uptake that needs no insulin is half of its maximum, mmol/l."""
     uptake_share: jax.Array | float
-    """Share that `F_01` is of the greatest uptake."""
+    """Share that `F_01` is of the maximum uptake."""
 
     @property
     def greatest_uptake(self) -> jax.Array | float:
@@ -54,7 +54,7 @@ class WilinskaParameters(HovorkaConstants):
         return self.EGP_0 * self.weight_kg * jnp.exp(-x3)
 
     def glucose_at_rest(self, made: jax.Array, disposal: jax.Array) -> jax.Array:
-        """Q1 at rest: the balance is a quadratic in glucose below the renal threshold and another one above it."""
+        """Q1 at steady state: the balance is one quadratic in glucose below the renal threshold and another above."""
         V_G, k_R, threshold = self.glucose_volume_l, self.renal_clearance, self.renal_threshold
         sparing = self._glucose(made, disposal * V_G)
         excreting = self._glucose(made + k_R * V_G * threshold, (disposal + k_R) * V_G)

@@ -155,7 +155,7 @@ def peripheral_uptake(p: SorensenParameters, G_PI: jax.Array, insulin_effect: ja
 def lowest_valid_glucose(p: SorensenParameters) -> jax.Array | float:
     """Arterial glucose below which the balances contradict themselves, mg/dl.
 
-    The brain takes glucose up at a constant rate, out of an interstitial space that at rest holds::
+    The brain takes glucose up at a constant rate, out of an interstitial space that at steady state holds::
 
         G_BI = G_H - r_BGU (1 / q_B + T_B / v_BI)
 

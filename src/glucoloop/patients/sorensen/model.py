@@ -4,9 +4,9 @@ Concentrations of insulin and glucagon never fall below zero. Glucose can, in th
 take up the same amount however little there is, so hours of too much insulin take even arterial glucose below zero.
 What can be promised follows from the balances. Transport of glucose only ever mixes: if arterial glucose has never been
 below m, the blood of the brain has never been below ``m - u_B / q_B``, its tissue not below ``m - u_B / q_B -
-u_B T_B / v_BI``, and the gut not below ``m - u_G / q_G``: what each takes up at rest. Elsewhere uptake ends with
-glucose, which stays at zero or above as long as m is above what the gut takes up. Rates of uptake do not scale with
-body weight while flows and volumes do, so these distances are largest for the lightest person.
+u_B T_B / v_BI``, and the gut not below ``m - u_G / q_G``: what each takes up at steady state. Elsewhere uptake ends
+with glucose, which stays at zero or above as long as m is above what the gut takes up. Rates of uptake do not scale
+with body weight while flows and volumes do, so these distances are largest for the lightest person.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _populations() -> dict[str, Population]:
 
 
 LIGHTEST_KG: Final = ADULTS.around(REFERENCE_WEIGHT_KG).lower
-"""Least weight of a person in the populations."""
+"""Minimum weight of a person in the populations."""
 _ROUNDING: Final = 1e-9
 _INTEGRATION_MG_DL: Final = 0.1
 """Integration error with two exponential steps per sample, on the way down to these bounds."""
@@ -75,13 +75,13 @@ _UPTAKE_ENDS: Final = tuple(STATE_NAMES.index(name) for name in ("G_L", "G_K", "
 
 
 def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Whether insulin and glucose of states ``(19, ...)`` are possible, by the least arterial glucose so far."""
+    """Whether insulin and glucose of states ``(19, ...)`` are possible, by the minimum arterial glucose so far."""
     insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0) & (x[_GLUCAGON] >= -_ROUNDING)
     return insulin, _explained(x, lowest_mg_dl)
 
 
 def _explained(x: jax.Array, lowest_mg_dl: jax.Array) -> jax.Array:
-    """Whether glucose in every organ is within the bounds that follow from the least arterial glucose and uptake."""
+    """Whether glucose in every organ is within the bounds that follow from the minimum arterial glucose and uptake."""
     n, heavier = NOMINAL, REFERENCE_WEIGHT_KG / LIGHTEST_KG
     brain = heavier * n["brain_uptake"] / n["q_B"]
     tissue = brain + heavier * n["brain_uptake"] * n["T_B"] / n["v_BI"]

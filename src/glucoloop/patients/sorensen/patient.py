@@ -1,4 +1,4 @@
-"""Sorensen patient at rest: constants, basal rate and initial state."""
+"""Sorensen patient at steady state: constants, basal rate and initial state."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class SorensenPatient(RestingPatient[SorensenParameters]):
         """Basal glucose under more insulin than basal, with the effects that it has on the liver in time.
 
         Errors of the integrator are largest while much insulin acts: linearising between rest and such states makes
-        the worst of them a quarter of what it is when linearising at rest.
+        the worst of them a quarter of what it is when linearising at steady state.
         """
         x = self.steady_state(self.basal_insulin_mU_min)
         insulin = insulin_at_rest(self.parameters, _WORKING_INSULIN * self.basal_insulin_mU_min)
@@ -113,7 +113,7 @@ class SorensenPatient(RestingPatient[SorensenParameters]):
 
 @checked
 def at_basal(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> SorensenPatient:
-    """Patient whose setpoint is the glucose at rest under the given infusion; ValueError if there is none."""
+    """Patient whose setpoint is the glucose at steady state under the given infusion; ValueError if there is none."""
     return SorensenPatient(**SorensenPatient.rest.at_basal(p, insulin_mU_min))
 
 

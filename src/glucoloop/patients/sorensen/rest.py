@@ -56,7 +56,7 @@ def insulin_at_rest(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Arr
 
 
 def _state(p: SorensenParameters, G_K: jax.Array, insulin_mU_min: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """State in which everything but the liver is at rest, and the liver's balance in mg/min."""
+    """State in which everything but the liver is at steady state, and the liver's balance in mg/min."""
     insulin = insulin_at_rest(p, insulin_mU_min)
     A_IHGP, A_IHGU, on_periphery, on_glucagon = insulin_effects(p, insulin)
 
@@ -78,7 +78,7 @@ def _state(p: SorensenParameters, G_K: jax.Array, insulin_mU_min: jax.Array) -> 
 
 @jax.jit
 def rest_under(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Array:
-    """State at rest `(19, ...)` under a constant infusion `(...)`; glucose may come out below zero."""
+    """Steady state `(19, ...)` under a constant infusion `(...)`; glucose may come out below zero."""
     shape = shape_of_people(p, insulin_mU_min)
     insulin_mU_min = jnp.broadcast_to(jnp.asarray(insulin_mU_min, float), shape)
     low, high = (jnp.full(shape, bound) for bound in _KIDNEY_GLUCOSE_MG_DL)
@@ -108,7 +108,7 @@ def rest_at(p: SorensenParameters, glucose_mg_dl: jax.Array) -> tuple[jax.Array,
     def balance(u: jax.Array) -> jax.Array:
         return _state(p, G_K, u)[1]
 
-    # glucose at rest without insulin is solvable too, though its balance may come out a hair below zero
+    # glucose at steady state without insulin is solvable too, though its balance may come out a hair below zero
     solvable = (balance(low) >= -_ROUNDING_MG_MIN) & (balance(high) <= 0.0)
     infusion = jnp.where(solvable, jnp.maximum(_root(balance, low, high), 0.0), jnp.nan)
     return infusion, _state(p, G_K, infusion)[0] + 0.0 * infusion

@@ -140,7 +140,7 @@ def _possible(name: str) -> tuple[float, float]:
 
 
 def _reach(name: str, varied: Mapping[str, Distribution]) -> tuple[float, float]:
-    """Least and largest value of a parameter, varied or not."""
+    """Minimum and largest value of a parameter, varied or not."""
     if name in varied:
         return varied[name].lower, varied[name].upper
     return NOMINAL[name], NOMINAL[name]

@@ -319,7 +319,7 @@ def _known_dead_times(studies: Mapping[str, PointResults]) -> _Table:
         "The paper identifies a new model from delayed records. Two Laguerre functions cannot hold leading zeros, so "
         "such a model counts on a response that has not begun; shifting the model of the undelayed patient is nearer "
         "to the printed rows, and is what Table II above shows.",
-        ("Operating point", "Dead time", "Model shifted", "Model identified anew"),
+        ("Operating point", "Dead time", "Model shifted", "Model identified again"),
         rows,
     )
 

@@ -3,7 +3,7 @@
 Noise is the sum of a process of each sensor and one that sensors on the same person have in common, eqs. (13) and (14),
 and the error of calibration changes with the time since the last calibration, eqs. (5) and (6), Table 1. The model
 holds for the 12 h between two calibrations, as Vettoretti et al. (Sensors 19, 5320, 2019) say of it and of those that
-followed, so that the days begin anew every 12 h.
+followed, so that the days begin again every 12 h.
 
 The processes advance every 5 min, the time between two readings of the sensor. The paper does not settle it in the
 parts that we could read, and a simulator advances them every minute. But of the Dexcom G6 there are two models of the

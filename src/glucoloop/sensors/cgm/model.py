@@ -56,7 +56,7 @@ class Spread:
     mean: tuple[float, ...]
     covariance: tuple[tuple[float, ...], ...]
     stability_margin: float
-    """Least distance of ``alpha2`` from ``1 - |alpha1|``."""
+    """Minimum distance of ``alpha2`` from ``1 - |alpha1|``."""
     largest_sd_mg_dl: float
     """Largest standard deviation of the noise."""
 
@@ -76,7 +76,7 @@ class ErrorModel:
     spread: Spread | None = None
     """Distribution of sensors that differ; its numbers take the place of those above."""
     calibrated_every_min: float = math.inf
-    """Time between two calibrations by the person, at which the days begin anew."""
+    """Time between two calibrations by the person, at which the days begin again."""
     longest_wear_min: float = math.inf
     """Days for which the errors are known."""
     lag_min: float = 10.0

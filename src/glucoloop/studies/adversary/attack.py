@@ -111,7 +111,7 @@ class _Harm:
         """Minutes below 54 mg/dl, and a tenth of a minute for each mg/dl of the lowest glucose below 54.
 
         Above 54 mg/dl the second part is negative, so that a search has a slope before glucose is low. NaN counts as
-        the least harm, so that a search does not look for failures of the simulator.
+        the minimum harm, so that a search does not look for failures of the simulator.
         """
         score = self.below_54_min + _LOWEST_PER_MIN * (VERY_LOW_MG_DL - self.lowest_mg_dl)
         return np.where(np.isfinite(score), score, -np.inf)

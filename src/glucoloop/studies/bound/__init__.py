@@ -78,7 +78,7 @@ class BoundRequest(Run):
 
     @property
     def hedged(self) -> bool:
-        """Whether the bound under sensor noise is computed: for one meal at rest, and the largest deviation."""
+        """Whether the bound under sensor noise is computed: for one meal at steady state, and the largest deviation."""
         at_rest = self.setpoint_mg_dl is None and self.initial_glucose_mg_dl is None
         return self.noisy and len(self.meals) == 1 and at_rest and self.objective == "deviation"
 
@@ -87,7 +87,7 @@ BOUND: Final = PlainStudy(
     name="bound",
     what="a bound",
     help=(
-        "Compute how closely any controller could hold glucose: the doses within the pump's limits with the least "
+        "Compute how closely any controller could hold glucose: the doses within the pump's limits with the minimum "
         "maximum deviation from the setpoint, for a patient and meals that are known exactly from a given time on.\n\n"
         "With --noise, also compute this for a controller that can learn only from the readings that a meal begins or "
         "ends, and prepares for both cases until it can know.\n\n"

@@ -179,8 +179,8 @@ def _notes(config: BoundRequest, bounds: _Bounds) -> Iterator[str]:
         )
     elif config.noisy:
         yield (
-            "The bound under sensor noise is left out here: it is computed for one meal, at rest at the setpoint, "
-            "and the objective deviation."
+            "The bound under sensor noise is left out here: it is computed for one meal, at steady state at the "
+            "setpoint, and the objective deviation."
         )
 
 

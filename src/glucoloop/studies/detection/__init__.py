@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
 from glucoloop.component.grammar import part_text
-from glucoloop.control.catalogue import ESTIMATING
+from glucoloop.control.catalogue import CONTROLLERS, ESTIMATING
 from glucoloop.control.part import ControllerComponent
 from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorComponent
 from glucoloop.limits import MAX_DAYS
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from glucoloop.meals.plan import MealPlan
 
 _DEFAULT_DAYS: Final = 100
-"""Usual number of days of one person; of several people, one day each."""
+"""Default number of days of one person; of several people, one day each."""
 _MAX_RUNS: Final = 100_000
 _estimators = functools.partial(Option, panel="Estimators")
 
@@ -31,8 +31,8 @@ _estimators = functools.partial(Option, panel="Estimators")
 class Detection(Trial):
     """Estimators, and the days on which they are tried.
 
-    Each day of each person begins at rest at midnight and has meals and noise of its own. As many days again are
-    without a meal.
+    Each day of each person begins at steady state at midnight and has meals and noise of its own. As many days again
+    are without a meal.
     """
 
     kind: ClassVar = "test of estimators"
@@ -60,7 +60,7 @@ class Detection(Trial):
     meal_size_spread_pct: float = 80.0
     meal_time_spread_min: float = 90.0
     sensor: tuple[SensorComponent, ...] = (WhiteNoise.partial({"variance": 1.45}),)
-    controller: tuple[Case, ...] = cases_of(ESTIMATING.name)
+    controller: tuple[Case, ...] = cases_of(ESTIMATING)
     days: Annotated[
         int | None,
         Option(
@@ -82,8 +82,8 @@ class Detection(Trial):
     estimates_by: Annotated[
         ControllerComponent | None,
         _estimators(
-            f"Settings of the estimators where the controller has none, like '{ESTIMATING.name}, meals_per_h=0.1'.",
-            default="those of the controller, or the usual ones",
+            f"Settings of the estimators where the controller has none, like '{ESTIMATING}, meals_per_h=0.1'.",
+            default="those of the controller, or the default ones",
         ),
     ] = None
 
@@ -95,11 +95,11 @@ class Detection(Trial):
             raise Refusal(f"--estimator is {'; '.join(self.tried)}, one of them twice; leave one out")
         if "estimator" in {**self.case.controller.given, **getattr(self.estimates_by, "given", {})}:
             raise Refusal(
-                f"the controller {ESTIMATING.name} is tried with each of the estimators; leave its "
+                f"the controller {ESTIMATING} is tried with each of the estimators; leave its "
                 "estimator out, and name them by --estimator"
             )
-        if self.estimates_by is not None and self.estimates_by.name != ESTIMATING.name:
-            raise Refusal(f"--estimates-by is {self.estimates_by.called}; give settings of {ESTIMATING.name}")
+        if self.estimates_by is not None and self.estimates_by.name != ESTIMATING:
+            raise Refusal(f"--estimates-by is {self.estimates_by.called}; give settings of {ESTIMATING}")
         if self.people * self.number_of_days > _MAX_RUNS:
             raise Refusal(
                 f"{self.number_of_days} days of {self.people} people are too many; give at most {_MAX_RUNS} days in all"
@@ -123,9 +123,9 @@ class Detection(Trial):
     @functools.cached_property
     def estimating(self) -> ControllerComponent:
         """The controller to which the estimators belong, with all settings."""
-        usual = self.case.controller if self.case.controller.name == ESTIMATING.name else ESTIMATING.partial({})
+        usual = self.case.controller if self.case.controller.name == ESTIMATING else CONTROLLERS[ESTIMATING].partial({})
         chosen = usual if self.estimates_by is None else self.estimates_by
-        return chosen.completed(self.patient.usual_of(ESTIMATING.name), noisy=self.noisy)
+        return chosen.completed(self.patient.usual_of(ESTIMATING), noisy=self.noisy)
 
     @functools.cached_property
     def trial(self) -> Trial:
@@ -161,9 +161,9 @@ DETECT: Final = PlainStudy(
     help=(
         "Test the estimators of meals that nobody announced: how soon a meal is detected, how exactly its size is "
         "estimated, and how often there is a false alarm.\n\n"
-        "Each day begins at rest and has its own meals and noise; the same number of days is without a meal. By "
-        "default 100 days of one person are simulated, with two meals a day of 11 to 99 g, noise of variance 1.45, and "
-        f"doses by {ESTIMATING.name}, which uses the estimator. Other controllers, such as basal, do not use it.\n\n"
+        "Each day begins at steady state and has its own meals and noise; the same number of days is without a meal. "
+        "By default 100 days of one person are simulated, with two meals a day of 11 to 99 g, noise of variance 1.45, "
+        f"and doses by {ESTIMATING}, which uses the estimator. Others, such as basal, do not use it.\n\n"
         "  glucoloop detect --out detect\n\n"
         "  glucoloop detect --controller basal --estimator moving-horizon --threshold 0.8\n\n"
         "  glucoloop detect --population parker2000 --people 100 --controller meals_per_h=0.1 --out people\n\n"

@@ -139,7 +139,7 @@ def _lines(config: Hil, exported: Exported, on_chip: OnChip) -> Iterator[str]:
     if on_chip.counts["contradictions"]:
         yield f"The chip contradicted itself {on_chip.counts['contradictions']} times; check its non-volatile memory."
     if len(on_chip.sessions) > 1:
-        yield f"The chip lost its memory and began anew at the samples {', '.join(map(str, on_chip.sessions[1:]))}."
+        yield f"The chip lost its memory and began again at the samples {', '.join(map(str, on_chip.sessions[1:]))}."
     counts = [f"{number} {what}" for what, number in on_chip.counts.items() if number]
     if counts:
         yield f"Link and power: {', '.join(counts)}."

@@ -233,7 +233,7 @@ def _method(config: ModelRequest, basis: Basis, record: Record) -> tuple[str, st
     except Refusal:
         why = "the record is not one of the balanced pulses that cross-correlation needs"
         return "least-squares", f"Method: least squares, since {why}."
-    return "least-squares", "Method: least squares, since the record does not start at rest."
+    return "least-squares", "Method: least squares, since the record does not start at steady state."
 
 
 def _fit(

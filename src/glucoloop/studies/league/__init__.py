@@ -40,7 +40,9 @@ class League(Component):
     ] = 100
     families: Annotated[
         tuple[PatientComponent, ...],
-        _people("Patient, around whom the people of the usual population vary; repeat it for more.", flag="--patient"),
+        _people(
+            "Patient, around whom the people of the default population vary; repeat it for more.", flag="--patient"
+        ),
     ] = tuple(part.partial({}) for part in PATIENTS.values())
     scenarios: Annotated[
         tuple[ScenarioComponent, ...],
@@ -96,7 +98,7 @@ class League(Component):
             ("--controller", tuple(case.label for case in self.controllers)),
         ):
             if not names:
-                raise Refusal(f"{flag} is none; a league needs at least one, leave {flag} out for the usual ones")
+                raise Refusal(f"{flag} is none; a league needs at least one, leave {flag} out for the default ones")
             for text in names:
                 if names.count(text) > 1:
                     raise Refusal(f"{flag} {text!r} is given twice; leave one out, or give each another label")
@@ -141,7 +143,7 @@ LEAGUE: Final = SearchStudy(
     help=(
         "Say which controller is best for whom, and where each does harm: every controller on the people of every "
         "family, under each sensor and in each scenario; the results are tables and a page.\n\n"
-        "A family is a patient with its usual population. Every controller meets the same people, days and noise. "
+        "A family is a patient with its default population. Every controller meets the same people, days and noise. "
         "Times in ranges stand beside the targets of the international consensus (Battelino et al., 2019), and each "
         "person is compared with the same person under a reference therapy. Controllers are ranked by the glycemia "
         "risk index. By default 100 people of each family take part, which takes some minutes. The folder of --out is "

@@ -179,7 +179,7 @@ def line_table(
 def over_all_cells(people: pl.DataFrame, cells: int) -> pl.DataFrame:
     """Each person once for each controller: means over the cells of the family, for those known in all `cells`.
 
-    The least glucose is that of all cells.
+    The minimum glucose is that of all cells.
     """
     results = people.group_by("family", "controller", "person", maintain_order=True).agg(
         pl.col(*METRICS, "insulin_U_day").exclude("minimum_mg_dl").mean(), pl.col("minimum_mg_dl").min(), pl.len()
@@ -194,7 +194,7 @@ def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:
 
     `people` are those of `over_all_cells`. For all people and for the worst-off tenth under each controller: the best
     controller, the next one, and the difference of the two means with its interval. ``for_whom`` has the number of
-    people for whom each controller alone has the least index.
+    people for whom each controller alone has the minimum index.
     """
     wide = people.filter(family=family).pivot(on="controller", index="person", values="gri").drop_nulls()
     labels = [name for name in wide.columns if name != "person"]
@@ -216,7 +216,7 @@ def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:
 
 
 def _first_two(labels: list[str], values: Array, interval: Any) -> dict[str, Any]:
-    """The least value and the next, and the second less the first, with its interval."""
+    """The minimum value and the next, and the second less the first, with its interval."""
     order = np.argsort(values, kind="stable")
     results = {"gri": {labels[place]: float(values[place]) for place in order}, "best": labels[order[0]]}
     if order.size < 2:
@@ -257,7 +257,7 @@ def _tenth(people: int) -> int:
 
 
 def _worst_mean(values: Array) -> Array:
-    """Mean of the greatest tenth of the values in each column ``(people, columns)``, a whole number of people."""
+    """Mean of the maximum tenth of the values in each column ``(people, columns)``, a whole number of people."""
     number = _tenth(len(values))
     return np.asarray(np.partition(values, len(values) - number, axis=0)[-number:].mean(axis=0))
 

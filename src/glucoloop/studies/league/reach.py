@@ -151,7 +151,7 @@ COLUMNS: Final = (
 """Numbers of a controller in a cell beside the best doses."""
 
 CAPTION: Final = (
-    "Best doses: any dose in each sample, a bolus too, for a person who is known exactly, searched for the least "
+    "Best doses: any dose in each sample, a bolus too, for a person who is known exactly, searched for the minimum "
     "glycemia risk index, where each meal is known from its start, or all in advance. What was found can be reached; "
     "better doses may exist, and a controller that bets on a meal to come can do better than doses for meals that are "
     "known from their start."

@@ -110,7 +110,7 @@ def _verdicts(results: Results) -> Iterator[str]:
         yield (
             f"{of['family']}: best overall is {_first(of['overall'])}. For the worst-off tenth, "
             f"{how_many(worst['people'], 'person', 'people')}, it is {_first(worst)}. Of "
-            f"{how_many(of['people'], 'person', 'people')}, the least index is with {best_for}."
+            f"{how_many(of['people'], 'person', 'people')}, the minimum index is with {best_for}."
             f"{'' if number is None else f' With {best} {harm} harmed below 54 mg/dl.'}"
         )
 

@@ -27,7 +27,7 @@ from glucoloop.tuning.samplers import SAMPLERS, SamplerComponent
 
 BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""
-RANGES: Final = {setting.name: setting for setting in SEARCHED.searched}
+RANGES: Final = {setting.name: setting for setting in CONTROLLERS[SEARCHED].searched}
 """Ranges that can be searched, by the name of the setting."""
 _MAX_SUBJECTS: Final = 100_000
 _subjects = functools.partial(Option, panel="People and noise")
@@ -62,7 +62,7 @@ class Search(Trial):
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
     sensor: tuple[SensorComponent, ...] = (WhiteNoise.partial({"variance": 1.45}),)
-    controller: tuple[Case, ...] = cases_of(SEARCHED.name)
+    controller: tuple[Case, ...] = cases_of(SEARCHED)
     ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
         None
     )
@@ -86,9 +86,9 @@ class Search(Trial):
             metavar="NAME=X",
         ),
     ] = ()
-    beside: Annotated[tuple[str, ...], _search("A reference controller with its usual tuning; repeat it for more.")] = (
-        "mpc-se",
-    )
+    beside: Annotated[
+        tuple[str, ...], _search("A reference controller with its default tuning; repeat it for more.")
+    ] = ("mpc-se",)
     sampler: Annotated[
         SamplerComponent,
         _search("Sampler of the candidates: tpe, nsga2 or random, which needs no Optuna.", default=SAMPLERS.usual),
@@ -98,7 +98,7 @@ class Search(Trial):
     prefer: Annotated[
         str,
         _search(
-            "Choice of a tuning of the front: an objective, for its least value, or both, for the nearest to both.",
+            "Choice of a tuning of the front: an objective, for its minimum value, or both, for the nearest to both.",
             metavar=f"NAME|{BOTH}",
         ),
     ] = BOTH
@@ -123,8 +123,8 @@ class Search(Trial):
     def __post_init__(self) -> None:
         super().__post_init__()
         name = self.case.controller.called
-        if self.case.controller.name != SEARCHED.name:
-            raise Refusal(f"the controller {name} has no ranges to search; give {SEARCHED.name}")
+        if self.case.controller.name != SEARCHED:
+            raise Refusal(f"the controller {name} has no ranges to search; give {SEARCHED}")
         self._refuse_shared_subjects()
         if len(set(self.objectives)) != 2 or len(self.objectives) != 2:
             listed = ", ".join(self.objectives)
@@ -135,9 +135,9 @@ class Search(Trial):
             raise Refusal(f"--prefer is {self.prefer!r}; give {', '.join(self.objectives)} or {BOTH}")
         for other in self.beside:
             CONTROLLERS.find(other)
-        if len(set(self.beside)) < len(self.beside) or SEARCHED.name in self.beside:
+        if len(set(self.beside)) < len(self.beside) or SEARCHED in self.beside:
             raise Refusal(
-                f"--beside is {', '.join(self.beside)}; name each controller once, and {SEARCHED.name} not at all, "
+                f"--beside is {', '.join(self.beside)}; name each controller once, and {SEARCHED} not at all, "
                 "since it is tuned"
             )
         _ = self.space, self.bounds  # each refuses what is not possible
@@ -157,7 +157,7 @@ class Search(Trial):
 
     @functools.cached_property
     def space(self) -> tuple[Tuned, ...]:
-        """Ranges of the tuned numbers: those that are given, and the usual ones unless one number is given."""
+        """Ranges of the tuned numbers: those that are given, and the default ones unless one number is given."""
         given, fixed = self.ranges or {}, self.case.controller.given
         results = []
         for name, usual in RANGES.items():
@@ -216,7 +216,7 @@ ROBUST: Final = SearchStudy(
     name="robust",
     what="a search",
     help=(
-        f"Search for a tuning of {SEARCHED.name} that is good for many people and for noise, and show the trade-off "
+        f"Search for a tuning of {SEARCHED} that is good for many people and for noise, and show the trade-off "
         "between two objectives.\n\n"
         "Each candidate tuning is simulated on people of a population, and on the nominal patient with many "
         "realisations of the noise. Two objectives make a Pareto front, and the others can be bounded. The chosen "
@@ -236,7 +236,7 @@ ROBUST: Final = SearchStudy(
     option_texts={
         "help": {
             "controller": "Controller that is tuned, with ranges or kept numbers: "
-            f"'{SEARCHED.name}, move_weight=.1:2, caution_weight=7.5'.",
+            f"'{SEARCHED}, move_weight=.1:2, caution_weight=7.5'.",
             "duration_min": "Length of the run.",
             "meals": "Carbohydrate and time, like 50g@50min; repeat it for more meals.",
         },

@@ -112,7 +112,8 @@ def _judged(
 ) -> pl.DataFrame:
     """Tunings that were tried, with columns for those that keep the bounds, those on the front, and the chosen one.
 
-    If none keeps the bounds, the one that exceeds them least is chosen; Refusal if none has a controller.
+    If none keeps the bounds, the one that exceeds them by the smallest amount is chosen; Refusal if none has a
+    controller.
     """
     values = candidates.select(OBJECTIVES[name].name for name in objectives).to_numpy()
     finite = np.isfinite(values).all(axis=1)
@@ -150,7 +151,7 @@ def _pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
 def _choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: str) -> int:
     """Index of the row of a front ``(n, 2)`` that is chosen.
 
-    It has the least value of the preferred objective; or, for ``"both"``, it is nearest to the least of both, each
+    It has the minimum value of the preferred objective; or, for ``"both"``, it is nearest to the minimum of both, each
     measured by its range over the front.
     """
     if prefer in objectives:

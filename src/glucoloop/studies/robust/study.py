@@ -10,7 +10,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.component.setting import known_names
-from glucoloop.control.catalogue import SEARCHED
+from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import _style
 from glucoloop.reporting._style import FONT_PT, GREY
@@ -89,9 +89,9 @@ def sentences(config: Search, results: Results) -> Iterator[str]:
     chosen, number = plain["chosen"]["candidate"], how_many(plain["candidates"], "tuning")
     keeping = f"Of {number} {how_many(plain['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
     if not plain["chosen"]["keeps_the_bounds"]:
-        yield f"{keeping}; chosen is the one that exceeds them least, candidate {chosen}."
+        yield f"{keeping}; chosen is the one that exceeds them by the smallest amount, candidate {chosen}."
         return
-    preferred = f"the least of {prefer}" if prefer in objectives else "nearest to the least of both"
+    preferred = f"the minimum of {prefer}" if prefer in objectives else "nearest to the minimum of both"
     front = f"{how_many(len(plain['front']), 'makes', 'make')} the front of {' and '.join(objectives)}"
     yield (
         f"{f'{keeping}, and {front}' if plain['bounds'] else f'Of {number} {front}'}; "
@@ -116,7 +116,7 @@ def files_of(config: Search, results: Results) -> dict[str, bytes]:
 
 def _best(config: Search, tuning: Mapping[str, float]) -> Run:
     """The run of the nominal patient, in the same situation, with a tuning."""
-    controller = SEARCHED.partial({**config.tuned.controller.given, **tuning})
+    controller = CONTROLLERS[SEARCHED].partial({**config.tuned.controller.given, **tuning})
     case = Case.partial({**config.case.given, "controller": controller})
     names = [name for name in config.given if name in Run.settings()]
     shared = {name: getattr(config, name) for name in dict.fromkeys([*names, "sensor", "meals", "duration_min"])}

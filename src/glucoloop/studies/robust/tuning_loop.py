@@ -47,7 +47,7 @@ class _Subjects:
 
     patient: Patient
     rest: npt.NDArray[np.float64]
-    """(states, subjects) states at rest."""
+    """(states, subjects) steady states."""
     basal_insulin_mU_min: npt.NDArray[np.float64]
     """(subjects,) rates under which they rest."""
     profile: Profile

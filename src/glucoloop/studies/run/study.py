@@ -133,9 +133,9 @@ def tables(config: Run, results: Results) -> Iterator[object]:
     loops: ClosedLoops = results.extra
     metrics = {label: outcome.metrics for label, outcome in loops.outcomes.items()}
     if isinstance(config, Comparison):
-        yield comparison_table(metrics, loops.distances())
+        yield comparison_table(metrics, loops.distances(), config.start_min or 0.0)
     else:
-        yield metrics_table(next(iter(metrics.values())))
+        yield metrics_table(next(iter(metrics.values())), config.start_min or 0.0)
 
 
 def sentences(config: Run, results: Results) -> Iterator[str]:

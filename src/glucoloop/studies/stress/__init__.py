@@ -60,7 +60,7 @@ class StressTest(GuardedTrial):
     faults: Annotated[
         tuple[FaultComponent, ...],
         Option(
-            "A fault that is tried alone, in place of the usual ones; repeat it for more.",
+            "A fault that is tried alone, in place of the default ones; repeat it for more.",
             panel=SENSOR_PANEL,
             flag="--fault",
         ),

@@ -43,7 +43,7 @@ def _sentences(trace: Any, sample_time_min: float, start_min: float = 0.0) -> It
     first_min, last_min = trace.fine_t_min[low[0]], trace.fine_t_min[low[-1]]
     least = glucose_text(glucose.min())
     when = period_text(round(first_min), round(last_min), float(trace.fine_t_min[-1]), start_min)
-    yield f"Below {_LOW_MG_DL:g} mg/dl {when}, least {least} mg/dl."
+    yield f"Below {_LOW_MG_DL:g} mg/dl {when}, minimum {least} mg/dl."
     before = (trace.t_min >= first_min - _BEFORE_MIN) & (trace.t_min <= first_min)
     yield from _on_readings(trace, before)
     yield from _on_pump(trace, trace.t_min <= first_min, sample_time_min)

@@ -194,7 +194,11 @@ def results_of(config: StressTest, folder: TrialFolder) -> Results:
         if cell.guarded and row["worse"]
     ]
     designed = {cell.controller: prepared.computed_settings[cell.label] for cell in cells}
-    facts = {**controllers_facts(base.cases, designed), **trial_facts(base), **engine_facts(prepared.engines)}
+    facts = {
+        **controllers_facts(base.cases, designed, base.start_min or 0.0),
+        **trial_facts(base),
+        **engine_facts(prepared.engines),
+    }
     del facts["Faults"]  # those of the base; the page lists the faults of the test
     plain = {
         "facts": facts,
@@ -430,6 +434,7 @@ def page(config: StressTest, results: Results) -> str:
     failing = [row for row in grid.under_faults(True) if row["worse"]]
     values: dict[str, Any] = {
         "grid": grid,
+        "start_min": config.start_min or 0.0,
         "guards": _GUARDS,
         "people": max(row["people"] for row in results.rows),
         "most_more_pct": f"{_MAX_MORE_PCT:g}",

@@ -10,7 +10,7 @@ import polars as pl
 
 from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.reporting import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.reporting.descriptions import (
     controllers_facts,
@@ -20,9 +20,11 @@ from glucoloop.reporting.descriptions import (
     trial_facts,
 )
 from glucoloop.reporting.print_figure import figure_files
-from glucoloop.reporting.trial_report import ranges_pct
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
+from glucoloop.studies.trial.figure import plot_trial
+from glucoloop.studies.trial.page import trial_page
+from glucoloop.studies.trial.report import CaseReport, MetricDistribution, TrialReport, WorstPerson, ranges_pct
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.trials import engine
 from glucoloop.trials.folder import BANDS, REPORT, TrialFolder
@@ -98,7 +100,11 @@ def results_of(config: Trial, folder: TrialFolder) -> Results:
         units_per_hour=config.patient.subcutaneous,
         people=numbers["people"],
         infeasible=numbers["unable"]["count"],
-        facts={**controllers_facts(config.cases, designed), **trial_facts(config), **engine_facts(prepared.engines)},
+        facts={
+            **controllers_facts(config.cases, designed, config.start_min or 0.0),
+            **trial_facts(config),
+            **engine_facts(prepared.engines),
+        },
         meals=[(meal.t_min, meal.carbs_g) for meal in config.plan.nominal()],
         exercise=config.bouts,
         faults=config.fault_texts,
@@ -213,7 +219,7 @@ def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[tupl
 def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
     """People with the worst outcomes, with their traces; a person is the same in every simulation.
 
-    Of a long run they have the week with the least glucose.
+    Of a long run they have the week with the minimum glucose.
     """
     if not people:
         return []

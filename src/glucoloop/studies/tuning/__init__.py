@@ -18,7 +18,7 @@ _MAX_SEEDS: Final = 1000
 _TUNED: Final = ("move_horizon", "prediction_horizon", "reference_filter", "output_weight", "move_weight")
 """Settings of a controller that a grid tries."""
 _DEFAULT_RANGES: Final = {"move_horizon": "1:4", "prediction_horizon": "1:14"}
-"""Ranges that are tried unless others are given; of the other settings the usual values."""
+"""Ranges that are tried unless others are given; of the other settings the default values."""
 _DEFAULT_SEEDS: Final = 5
 _grid = functools.partial(Option, panel="Grid")
 
@@ -73,7 +73,7 @@ class GridSearch(Run):
 
     @property
     def all_ranges(self) -> dict[str, str]:
-        """Range of each tuned setting, as text: the given ones and the usual ones."""
+        """Range of each tuned setting, as text: the given ones and the default ones."""
         tuning, controller = self.case.tuning, self.case.controller
         usual = {**_DEFAULT_RANGES, **{key: f"{tuning[key]:g}" for key in ("output_weight", "move_weight")}}
         if "reference_filter" in tuning:

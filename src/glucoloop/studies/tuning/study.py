@@ -67,7 +67,7 @@ class _Searched:
 
 
 def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
-    """Try every tuning of the grid, and the usual one; Refusal for a design that is not possible."""
+    """Try every tuning of the grid, and the default one; Refusal for a design that is not possible."""
     case = config.case
     name = case.controller.called
     kind_of_tuning(name)  # refuses one that cannot be tuned
@@ -186,7 +186,7 @@ def tables(config: GridSearch, results: Results) -> Iterator[FittingTable]:
 
 
 def sentences(config: GridSearch, results: Results) -> Iterator[str]:
-    """Sentence on the usual tuning among the others."""
+    """Sentence on the default tuning among the others."""
     printed: TuningRank = results.extra.printed
     subject = f"The {printed.label} tuning {tuning_text(printed.tuning)}"
     if printed.rank is None:
@@ -331,5 +331,5 @@ def _settling(surface: TuningSurface, point: int) -> str:
 
 
 def _short(value: float) -> str:
-    """Text of a number with three significant digits, without an exponent in the usual range."""
+    """Text of a number with three significant digits, without an exponent in the default range."""
     return f"{value:.0f}" if 100.0 <= value < 1e7 else f"{value:.3g}"

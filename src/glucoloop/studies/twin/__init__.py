@@ -54,13 +54,13 @@ class TwinRequest(RecordOfPerson):
     patient: Annotated[
         str,
         _patient(
-            "Family of patients, whose population is what is believed of the person before: `glucoloop list patients`.",
+            "Family of patients, whose population is what is accepted of the person before: `glucoloop list patients`.",
             metavar="NAME",
         ),
     ] = "hovorka-2004"
     population: Annotated[
         str | None,
-        _patient("Another population of the family, or a file.", metavar="NAME|FILE", default="the usual one"),
+        _patient("Another population of the family, or a file.", metavar="NAME|FILE", default="the default one"),
     ] = None
     weight_kg: Annotated[
         float | None,
@@ -89,7 +89,7 @@ TWIN: Final = PlainStudy(
     help=(
         "Find a person's own model, the twin, from a record of ordinary life: readings of a sensor, meals and insulin, "
         "without any test dose.\n\n"
-        "The twin is the most likely person of a family of patients, given the record and what is believed of people "
+        "The twin is the most likely person of a family of patients, given the record and what is assumed of people "
         "of that family; how sure it is follows from the record too. The last days are held out and predicted, and "
         "what the record does not tell is said.\n\n"
         "  glucoloop records export.csv --out record.parquet\n\n"

@@ -2,7 +2,7 @@
 
 Standard deviations are the square root of 6 times the standard errors that Hovorka et al. (2002) found in six persons;
 the other distributions are those that Hovorka et al. (2004) give for their Bayesian estimates. Values are drawn within
-one standard deviation and must be positive. One standard deviation below the mean of k_a1 lies below zero; the least
+one standard deviation and must be positive. One standard deviation below the mean of k_a1 lies below zero; the minimum
 value of it is here a tenth of the mean.
 
 References

@@ -51,7 +51,7 @@ class WorstPerson:
     person: int
     """Number of the person in the population."""
     minimum_mg_dl: float
-    """Least glucose of the person."""
+    """Minimum glucose of the person."""
     t_min: Floats
     """(points,) times of the person's glucose."""
     glucose_mg_dl: Floats

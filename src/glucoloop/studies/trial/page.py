@@ -20,7 +20,7 @@ from glucoloop.reporting.labelled_traces import exercise_in_words
 from glucoloop.reporting.page import glucose_panel, mark_faults
 from glucoloop.reporting.periods import concentrations
 from glucoloop.reporting.template import render
-from glucoloop.reporting.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
+from glucoloop.studies.trial.report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.text import NOT_AVAILABLE, percent
 from glucoloop.trials.quantiles import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
 from glucoloop.units import MIN_PER_WEEK
@@ -54,7 +54,7 @@ def trial_page(report: TrialReport) -> str:
     shown = max(2, _MAX_WORST // len(cases))
     people = [person for case in cases for person in case.worst[:shown]]
     return render(
-        Path(__file__).with_name("templates") / "trial.html",
+        Path(__file__).with_name("page.html"),
         report.title,
         script=True,
         report=report,

@@ -17,7 +17,7 @@ from glucoloop.metrics.control_variability import (
 from glucoloop.reporting import _style
 from glucoloop.reporting._style import FONT_PT, GREY, RANGE_COLOURS, ZONE_COLOURS, Width
 from glucoloop.reporting.charts import extent
-from glucoloop.reporting.trial_report import RANGES, CaseReport, TrialReport
+from glucoloop.studies.trial.report import RANGES, CaseReport, TrialReport
 from glucoloop.text import percent
 from glucoloop.units import u_h_from_mu_min
 
@@ -41,7 +41,7 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
     """Draw a trial: for each controller the bands of glucose and insulin and the grid, and the times in range below.
 
     Bands hold the middle 50, 90 and 98 % of the people at each moment, on axes that all controllers share. In the
-    grid each person is counted at the least and the greatest glucose, the colour on a logarithmic scale.
+    grid each person is counted at the minimum and the maximum glucose, the colour on a logarithmic scale.
 
     Parameters
     ----------

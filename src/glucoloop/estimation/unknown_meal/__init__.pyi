@@ -1,0 +1,14 @@
+from .habits import MealHabits as MealHabits
+from .kalman import KalmanSettings as KalmanSettings
+from .kalman import MealKalman as MealKalman
+from .kalman import design_meal_kalman as design_meal_kalman
+from .moving_horizon import MealHorizon as MealHorizon
+from .moving_horizon import MovingHorizonSettings as MovingHorizonSettings
+from .moving_horizon import design_meal_horizon as design_meal_horizon
+from .protocol import ESTIMATORS as ESTIMATORS
+from .protocol import EstimatorComponent as EstimatorComponent
+from .protocol import MealEstimate as MealEstimate
+from .protocol import MealEstimator as MealEstimator
+from .protocol import Sensed as Sensed
+from .replay import MealEstimates as MealEstimates
+from .replay import estimate_meals as estimate_meals

@@ -1,0 +1,16 @@
+from . import cgm as cgm
+from .delay import DeadTime as DeadTime
+from .delay import Lag as Lag
+from .delay import dead_time as dead_time
+from .erring import Erring as Erring
+from .erring import erring as erring
+from .noise import CorrelatedNoise as CorrelatedNoise
+from .noise import WhiteNoise as WhiteNoise
+from .noise import white_noise as white_noise
+from .protocol import SENSORS as SENSORS
+from .protocol import IdealSensor as IdealSensor
+from .protocol import Reading as Reading
+from .protocol import Sensor as Sensor
+from .protocol import SensorAround as SensorAround
+from .protocol import SensorComponent as SensorComponent
+from .protocol import whole_samples as whole_samples
