@@ -2,9 +2,9 @@
 
 python benchmarks/real_people.py --folder FOLDER     or with the folder in GLUCOLOOP_REAL_PEOPLE
 
-The folder holds ``Subject N.csv`` of AZT1D (doi:10.17632/gk9m674wcx.1) and ``UoMGlucoseN.csv`` with the other files of
-each person of T1D-UOM (doi:10.5281/zenodo.15169263), both under CC BY 4.0, or the ZIPs of these. Readings, carbohydrate,
-boluses, long-acting insulin and daily basal insulin of each person have to be equal; nothing is written.
+The folder holds ``Subject N.csv`` of AZT1D (doi:10.17632/gk9m674wcx.1) and ``UoMGlucoseN.csv`` with the other files
+of each person of T1D-UOM (doi:10.5281/zenodo.15169263), both under CC BY 4.0, or the ZIPs of these. Readings,
+carbohydrate, boluses, long-acting insulin and daily basal insulin of each person have to be equal; nothing is written.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import itertools
 import math
 import os
 import sys
@@ -43,7 +44,7 @@ def number(text):
 def basal_by_day(rates):
     """Basal insulin of each day [U], of rates held until the next one."""
     result = defaultdict(float)
-    for (begin, rate), (end, _) in zip(rates, rates[1:], strict=False):
+    for (begin, rate), (end, _) in itertools.pairwise(rates):
         while begin < end:
             midnight = datetime.combine(begin.date(), datetime.min.time()) + timedelta(days=1)
             until = min(end, midnight)
@@ -53,7 +54,7 @@ def basal_by_day(rates):
 
 
 def in_U_h(rates):
-    """Rates of AZT1D in U/h: those above 35 are in mU/h, those below 1 in U/h, and others are as the nearest of these."""
+    """Rates of AZT1D in U/h: those above 35 are in mU/h, those below 1 in U/h, and others as the nearest of these."""
     sure = [(at, 1e-3 if rate > 35.0 else 1.0) for at, rate in rates if rate > 35.0 or 0.0 < rate < 1.0]
     place, result = 0, []
     for at, rate in rates:
@@ -160,7 +161,7 @@ def main():
             )
             daily = sum(told_days.values()) / max(1, len(told_days))
             print(
-                f"{name}: {told['readings']:.0f} readings, {told['carbs_g']:.0f} g, {told['bolus_U']:.2f} U of boluses, "
+                f"{name}: {told['readings']:.0f} readings, {told['carbs_g']:.0f} g, {told['bolus_U']:.2f} U of bolus, "
                 f"{told['long_acting_U']:.0f} U long-acting, {daily:.2f} U of basal a day; {verdict}"
             )
             if given.notes or not (equal and same_days):

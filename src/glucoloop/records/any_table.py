@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import difflib
 import re
 from collections.abc import Mapping
@@ -29,6 +30,9 @@ _VALUES: Final = {
 _MILLISECONDS: Final = 13
 """Number of digits of the milliseconds since 1970 of any time from 2001 to 2286; that of seconds is 10."""
 _EPOCH: Final = rf"^(\d{{10}}(\.\d+)?|\d{{{_MILLISECONDS}}})$"
+_DAYS: Final = r"^-?\d{1,5}$"
+"""Days since the beginning of a study, by which it hides the dates."""
+_DAY_0: Final = dt.date(2000, 1, 1)
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
 
@@ -103,6 +107,11 @@ def _times(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, list[st
     if len(epoch) and epoch.str.contains(_EPOCH).all():
         digits = pl.col("time").str.slice(0, _MILLISECONDS).str.replace(r"\..*$", "").str.pad_end(_MILLISECONDS, "0")
         return from_utc(frame.select(digits.cast(pl.Int64).cast(pl.Datetime("ms"))).to_series()), []
+    if "date" in frame.columns and frame["date"].drop_nulls().str.contains(_DAYS).all():
+        days = pl.col("date").cast(pl.Int64, strict=False)
+        dates = (pl.lit(_DAY_0) + pl.duration(days=days)).dt.to_string("%Y-%m-%d")
+        times, notes = times_of(frame.select(pl.concat_str(dates, "time", separator=" ")).to_series(), answers)
+        return times, [*notes, f"Its dates are numbers of days; day 0 was taken for {_DAY_0:%Y-%m-%d}."]
     if "date" in frame.columns:
         day = pl.col("date").str.replace(r"[T ]+0?0:00(:00)?(\.0+)?$", "")
         return times_of(frame.select(pl.concat_str(day, "time", separator=" ")).to_series(), answers)

@@ -195,16 +195,17 @@ def content_of(data: bytes) -> FileText:
 
 
 def _without_nul(text: str, notes: tuple[str, ...]) -> FileText:
-    if not text.strip():
+    if not text or text.isspace():
         raise Refusal(_EMPTY)
     if "\0" in text:
         raise Refusal("it is not text; give the file as it was exported, unzipped")
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
     while text.startswith(_MARKS):  # a mark of the encoding, doubled or read in another one
         text = text.removeprefix(next(mark for mark in _MARKS if text.startswith(mark)))
     if _SEPARATOR_LINE.match(text):
         text = text.partition("\n")[2]
-    if not text.strip():
+    if not text or text.isspace():
         raise Refusal(_EMPTY)
     return FileText(text, notes)
 
@@ -252,7 +253,7 @@ def table_of(text: str, delimiter: str) -> CellTable:
     _bounded(columns, _MAX_COLUMNS, "columns", "leave some out, or divide it")
     _bounded(count, MAX_ROWS, "lines", "leave some out, or divide it")
     _bounded(columns * count, _MAX_CELLS, "cells", "leave some out, or divide it")
-    body = _BLANK_LINES.sub("\n", body).strip("\n")
+    body = (_BLANK_LINES.sub("\n", body) if _BLANK_LINES.search(body) else body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()
     frame = _frame(body, delimiter, names, '"')
@@ -275,8 +276,12 @@ def table_of(text: str, delimiter: str) -> CellTable:
         .then(pl.lit("rows with more fields than the header"))
     )
     cells = pl.col(names)
-    blank = pl.all_horizontal(cells.is_null() | (cells.str.strip_chars() == ""))
-    frame = frame.with_columns(_spoilt=reason).filter(~blank)
+    frame = frame.with_columns(_spoilt=reason)
+    maybe = pl.all_horizontal(
+        cells.is_null() | (cells == "") | cells.str.starts_with(" ") | cells.str.starts_with("\t")
+    )
+    if frame.select(maybe.any()).item():
+        frame = frame.filter(~pl.all_horizontal(cells.is_null() | (cells.str.strip_chars() == "")))
     return CellTable(frame.select(names), frame["_spoilt"], notes)
 
 
@@ -297,7 +302,7 @@ def _names(line: str, delimiter: str) -> list[str]:
 
 def _frame(body: str, delimiter: str, names: list[str], quote: str | None) -> pl.DataFrame | None:
     every = (*names, *_EXTRA)
-    if not body.strip():
+    if not body or body.isspace():
         return pl.DataFrame(schema=dict.fromkeys(every, pl.String()))
     header = delimiter.join(map(str, range(len(every))))  # a row may have fewer fields, but not the first line
     try:

@@ -7,7 +7,7 @@ temporary one, and its duration; a suspension has neither a rate nor insulin. Da
 
 from __future__ import annotations
 
-from typing import Final
+from typing import ClassVar, Final
 
 import polars as pl
 
@@ -31,6 +31,8 @@ _UNITS: Final = ("mmol/l", "mg/dl")
 
 class Glooko(ReaderComponent, name="glooko"):
     """CSV files that Glooko exports in a ZIP, or that ZIP."""
+
+    in_parts: ClassVar = True
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has one of the headers of Glooko."""

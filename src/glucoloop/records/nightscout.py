@@ -15,7 +15,7 @@ import re
 from bisect import bisect_right
 from dataclasses import replace
 from datetime import UTC
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import polars as pl
 
@@ -45,6 +45,8 @@ _MAX_OFFSET_MIN: Final = 840
 
 class Nightscout(ReaderComponent, name="nightscout"):
     """JSON of entries or treatments of Nightscout, and of its profiles beside them."""
+
+    in_parts: ClassVar = True
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file is a list of entries, treatments or profiles."""

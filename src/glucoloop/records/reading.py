@@ -151,6 +151,33 @@ def _record(
         raise FileRefusal(list(dict.fromkeys(paths)), whose) from None
 
 
+def are_of_one_person(paths: Sequence[Path]) -> bool:
+    """Whether files are parts of what a program exports of one person, of which one alone has readings.
+
+    Refusal where several have readings and others none, since nothing says which belong together.
+    """
+    parts: list[bool] = []
+    for path in paths:
+        try:
+            data = read_bytes(path)
+            content = content_of(data)
+            reader = reader_of(content, Answers())
+            if not reader.in_parts:
+                return False
+            alone = reader.with_profiles(content, Answers()) is None
+            parts.append(alone and bool(reader.rows(content, Answers()).frame["glucose"].is_not_null().any()))
+        except Refusal:
+            return False
+    if all(parts) or len(parts) < 2:
+        return False
+    if sum(parts) > 1:
+        raise Refusal(
+            f"{sum(parts)} of the files have readings and {len(parts) - sum(parts)} have none, and nothing says whose "
+            "these are; put the files of each person into a folder of their own, and give the folder with these folders"
+        )
+    return True
+
+
 @contextlib.contextmanager
 def refusing(path: Path) -> Iterator[None]:
     """Say of a refusal which file it is about."""

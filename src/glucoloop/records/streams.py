@@ -31,6 +31,8 @@ _SAMPLES: Final = 2000
 _FEWEST: Final = 12
 """Number of readings from which two streams can be compared."""
 _LONGEST_STEP_MIN: Final = 30.0
+_BESIDE: Final = 0.9
+"""Part of a step from another stream's reading within which one at the edge of a gap is beside it."""
 _REGULAR: Final = 0.8
 """Share of steps that are alike in a regular stream."""
 
@@ -181,9 +183,10 @@ def _doubled(stream: _Stream, first: _Stream) -> npt.NDArray[np.bool_]:
     after = np.searchsorted(first.t_min, stream.t_min)
     before_min = stream.t_min - first.t_min[(after - 1).clip(0)]
     after_min = first.t_min[after.clip(0, first.t_min.size - 1)] - stream.t_min
-    inside = (after > 0) & (before_min < reach) | (after < first.t_min.size) & (
-        after_min < min(reach, 0.5 * first.step_min)
-    )
+    before_min = np.where(after > 0, before_min, np.inf)
+    after_min = np.where(after < first.t_min.size, after_min, np.inf)
+    between = (before_min < reach) & (after_min < reach)
+    inside = between | (np.minimum(before_min, after_min) < _BESIDE * first.step_min)
     return np.asarray(inside)
 
 
@@ -200,6 +203,7 @@ def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], a
     )
     middle = float(np.median(glucose))
     median, upper = (float(np.quantile(differences[best], share)) for share in (0.5, 0.9))
+    apart = float(np.median(differences[int(np.flatnonzero(shifts == 0.0)[0])]))
     same = median <= max(_MAX_MEDIAN[0], _MAX_MEDIAN[1] * middle) and upper <= max(_MAX_90[0], _MAX_90[1] * middle)
     if same:
         shift = f", {abs(shifts[best]):g} min {'later' if shifts[best] > 0 else 'earlier'}" if shifts[best] else ""
@@ -211,13 +215,13 @@ def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], a
         return SAME_GLUCOSE
     if stream.source == first.source:
         account.notes.append(
-            f"Readings of one source follow two courses at the same time for {hours}, {median:.0f} mg/dl apart in the "
-            f"median, as those of two sensors do. Both are kept, as {first.label} and {stream.label}; device (--device) "
-            "chooses one."
+            f"Readings of one source follow two courses at the same time for {hours}, {apart:.0f} mg/dl apart in the "
+            f"median, as those of two sensors do. Both are kept, as {first.label} and {stream.label}; device "
+            "(--device) chooses one."
         )
         return ""
     account.notes.append(
-        f"{stream.label} and {first.label} read at the same time for {hours} and disagree, by {median:.0f} mg/dl in "
+        f"{stream.label} and {first.label} read at the same time for {hours} and disagree, by {apart:.0f} mg/dl in "
         f"the median; {first.label}, which has more readings, is used there, and device (--device) chooses another one."
     )
     return OTHER_GLUCOSE

@@ -11,7 +11,7 @@ doi:10.5281/zenodo.15169263.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import ClassVar, Final
 
 import polars as pl
 
@@ -38,6 +38,8 @@ _KINDS: Final = {
 
 class T1dUom(ReaderComponent, name="t1d-uom"):
     """CSV of the data set T1D-UOM; give the files of a person together."""
+
+    in_parts: ClassVar = True
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has a header of the data set."""
