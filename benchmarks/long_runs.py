@@ -1,6 +1,6 @@
 """Measure memory and processor time of long runs of one person, as the command line computes them.
 
-    python benchmarks/long_runs.py [--json] [--small] [--days N ...]
+    python benchmarks/long_runs.py [--json] [--small] [--days N ...] [--only TEXT]
 
 Each line is a command in a process of its own, for 14, 40, 120 and 366 days of three meals a day: the most memory that
 it had, by the operating system, and its processor time, both with all imports and all compiling. Memory that grew with
@@ -65,12 +65,14 @@ def main() -> None:
     parser.add_argument(
         "--days", type=int, nargs="+", default=DAYS, help="lengths in place of 14, 40, 120 and 366 days"
     )
+    parser.add_argument("--only", default="", help="only the commands that have this text in them")
     arguments = parser.parse_args()
     days = (2, 4) if arguments.small else arguments.days
     if not arguments.json:
         print(f"{'Memory, MiB / processor time, s':96}" + "".join(f"{f'{n} d':>14}" for n in days), flush=True)
     results = []
-    for command in COMMANDS[:1] if arguments.small else COMMANDS:
+    chosen = [command for command in COMMANDS if arguments.only in " ".join(command)]
+    for command in chosen[:1] if arguments.small else chosen:
         lengths = [measured(command, n) for n in days]
         results.append({"command": " ".join(command), "lengths": lengths})
         if not arguments.json:

@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.control import Decision, Observation, Status
-from glucoloop.faults import Stuck, once
+from glucoloop.plugin import Decision, Observation, Status
 
 
 @jax.tree_util.register_static
@@ -33,8 +32,8 @@ class Proportional:
 
 
 scenario = gl.Scenario([gl.Meal(60.0, 60.0)], horizon_min=600.0)
-sensor = Stuck(
-    schedule=once(start_sample=30, samples=36), inner=gl.white_noise(1.45)
+sensor = gl.faults.Stuck(
+    schedule=gl.faults.once(start_sample=30, samples=36), inner=gl.white_noise(1.45)
 )  # from 150 min on, for three hours
 for name, controller in {"alone": Proportional(), "guarded": gl.guarded(Proportional())}.items():
     trace = gl.simulate(gl.patient(), controller, sensor, scenario=scenario, key=1)

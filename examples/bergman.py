@@ -17,7 +17,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.patients import OdePatient, OperatingPoint, PatientComponent, Population, Variation
+from glucoloop.plugin import OdePatient, OperatingPoint, PatientComponent, Population, Variation
 
 # mg/dl, min, mU/l; volumes in dl and in l
 CONSTANTS = {"p_1": 0.02, "p_2": 0.025, "p_3": 1.3e-5, "n": 0.09, "glucose_alone": 150.0, "V_G": 120.0, "V_I": 12.0}

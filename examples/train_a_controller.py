@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.control import Decision, Observation, Status
+from glucoloop.plugin import Decision, Observation, Status
 
 STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 12
 PATIENT = gl.patient()

@@ -25,8 +25,6 @@ from pathlib import Path
 import jax
 
 import glucoloop as gl
-from glucoloop.control.wire import observation
-from glucoloop.snapshot import pack, unpack
 
 MEALS_G = {3: 50.0}
 """By the number of the sample with which each begins."""
@@ -76,7 +74,7 @@ def controller(folder: Path) -> None:
         with connected(folder) as connection, connection.makefile("rw") as wire:
             while (now := hear(wire)) is not None:
                 sample = now.pop("sample")
-                seen = observation(now.pop("glucose_mg_dl"), **now)
+                seen = gl.observation(now.pop("glucose_mg_dl"), **now)
                 if state is None:
                     state = pid.init(seen)
                     if saved.exists():
@@ -84,7 +82,7 @@ def controller(folder: Path) -> None:
                 if sample == len(doses):
                     state, decision = step(state, seen)
                     doses.append(float(decision.insulin_mU_min))
-                    keep(saved, json.dumps(doses).encode() + b"\n" + pack(state, "PID"))
+                    keep(saved, json.dumps(doses).encode() + b"\n" + gl.snapshot.pack(state, "PID"))
                 if not tell(wire, {"sample": sample, "insulin_mU_min": doses[sample]}):
                     break
 
@@ -92,7 +90,7 @@ def controller(folder: Path) -> None:
 def restored(data: bytes, like):
     """State and doses of a controller that was killed."""
     doses, _, state = data.partition(b"\n")
-    return unpack(state, like, "PID"), json.loads(doses)
+    return gl.snapshot.unpack(state, like, "PID"), json.loads(doses)
 
 
 def connected(folder: Path) -> socket.socket:

@@ -8,8 +8,7 @@ from typing import Annotated
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.component import STATIC, About, wired
-from glucoloop.control import ControllerComponent, Decision, Observation, Status
+from glucoloop.plugin import STATIC, About, ControllerComponent, Decision, Observation, Status, wired
 
 
 class YourOwnPI(ControllerComponent, name="your-own-pi"):

@@ -6,15 +6,14 @@ glucoloop detect --estimator moving-horizon --estimator your_own_estimator:Juice
 
 from typing import Annotated, ClassVar
 
-from glucoloop.component import About
-from glucoloop.estimation.unknown_meal import (
-    ESTIMATORS,
+from glucoloop.plugin import (
+    About,
     EstimatorComponent,
+    FedModel,
     MealHabits,
     MealHorizon,
     design_meal_horizon,
 )
-from glucoloop.models.nonlinear import FedModel
 
 
 class Juice(EstimatorComponent):
@@ -25,15 +24,15 @@ class Juice(EstimatorComponent):
 
 
 def for_juice(share: float, model: FedModel, habits: MealHabits, measurement_variance: float) -> MealHorizon:
-    """The estimator; any `glucoloop.estimation.unknown_meal.MealEstimator` will do."""
+    """The estimator; any `glucoloop.plugin.MealEstimator` will do."""
     return design_meal_horizon(
         model, habits, measurement_variance=measurement_variance, fast_meals=share, fast_horizon=6
     )
 
 
 def main() -> None:
-    """Print the estimators that there are."""
-    print(", ".join([*ESTIMATORS.names(), Juice(share=0.4).text]))
+    """Print the estimator as a text, as on the command line."""
+    print(Juice(share=0.4).text)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,7 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.component import About
-from glucoloop.control import internal_model_tuning
-from glucoloop.faults import SensorFault
-from glucoloop.sensors import Reading
+from glucoloop.plugin import About, Reading, SensorFault
 
 
 class Coarse(SensorFault, name="coarse"):
@@ -29,5 +26,5 @@ class Coarse(SensorFault, name="coarse"):
 
 if __name__ == "__main__":
     sensor = Coarse(20.0, inner=gl.white_noise(1.45))
-    trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), sensor, key=1)
+    trace = gl.simulate(gl.patient(), gl.design_pid(gl.internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), sensor, key=1)
     print("readings:", ", ".join(f"{float(mg_dl):g}" for mg_dl in sorted(set(trace.reading_mg_dl.tolist()))), "mg/dl")

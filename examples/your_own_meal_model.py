@@ -5,8 +5,7 @@ glucoloop run --meal-model 'your_own_meal_model:AfterFat, fat_g=30'
 
 from typing import Annotated, ClassVar
 
-from glucoloop.component import About
-from glucoloop.meals import HovorkaGut, MealModelComponent
+from glucoloop.plugin import About, HovorkaGut, MealModelComponent
 
 MIN_PER_G_OF_FAT = 0.7
 """Assumed here, to show how a meal model is made; no study is behind it."""
@@ -20,7 +19,7 @@ class AfterFat(MealModelComponent):
 
 
 def after_fat(fat_g: float) -> HovorkaGut:
-    """The meal model; any `glucoloop.meals.MealModel` will do."""
+    """The meal model; any `glucoloop.plugin.MealModel` will do."""
     return HovorkaGut(time_to_maximum_min=40.0 + MIN_PER_G_OF_FAT * fat_g)
 
 

@@ -9,9 +9,7 @@ from typing import Annotated
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.component import About
-from glucoloop.control import internal_model_tuning
-from glucoloop.metrics import Metric, Result
+from glucoloop.plugin import About, Metric, Result
 
 
 class TightRange(Metric, name="tight-range"):
@@ -37,6 +35,6 @@ class TightRange(Metric, name="tight-range"):
 
 
 if __name__ == "__main__":
-    trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)))
+    trace = gl.simulate(gl.patient(), gl.design_pid(gl.internal_model_tuning(-3.45, 89.1, 5.0, 30.0)))
     metrics = gl.summarise(trace, metrics=["your_own_metric:TightRange"])
     print(f"time from 70 to 140 mg/dl: {metrics.time_70_140_pct:.1f} %")

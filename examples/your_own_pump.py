@@ -7,9 +7,7 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.component import STATIC, About, wired
-from glucoloop.control import internal_model_tuning
-from glucoloop.pumps import PumpAround, deliver
+from glucoloop.plugin import STATIC, About, PumpAround, deliver, wired
 
 
 class TubePump(PumpAround, name="soft-tube"):
@@ -32,6 +30,6 @@ class TubePump(PumpAround, name="soft-tube"):
 
 
 if __name__ == "__main__":
-    trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), pump=TubePump())
+    trace = gl.simulate(gl.patient(), gl.design_pid(gl.internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), pump=TubePump())
     behind = abs(trace.reported_mU_min - trace.insulin_mU_min).max()
     print(f"delivery is behind the driven rate by up to {behind:.1f} mU/min")

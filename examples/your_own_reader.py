@@ -10,7 +10,7 @@ from pathlib import Path
 import polars as pl
 
 import glucoloop as gl
-from glucoloop.records import Extract, ReaderComponent, extract_frame, times_of
+from glucoloop.plugin import Extract, ReaderComponent, extract_frame, times_of
 
 
 class Diary(ReaderComponent, name="diary"):

@@ -8,8 +8,7 @@ from typing import ClassVar
 
 from scipy.stats import qmc
 
-from glucoloop.component import Tuned
-from glucoloop.tuning import SamplerComponent
+from glucoloop.plugin import SamplerComponent, Tuned
 
 
 class Sobol(SamplerComponent):

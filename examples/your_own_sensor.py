@@ -9,9 +9,7 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.component import STATIC, About, wired
-from glucoloop.control import internal_model_tuning
-from glucoloop.sensors import Reading, SensorComponent
+from glucoloop.plugin import STATIC, About, Reading, SensorComponent, wired
 
 
 class LateSteps(SensorComponent, name="late-steps"):
@@ -34,5 +32,5 @@ class LateSteps(SensorComponent, name="late-steps"):
 
 
 if __name__ == "__main__":
-    trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), LateSteps(8.0))
+    trace = gl.simulate(gl.patient(), gl.design_pid(gl.internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), LateSteps(8.0))
     print(f"readings are behind glucose by up to {(trace.glucose_mg_dl - trace.reading_mg_dl).max():.1f} mg/dl")

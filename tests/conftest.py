@@ -46,8 +46,8 @@ LONG = {
     "invariants": ("test_every_loop", "test_faults"),
     "qp": ("test_moves_qp", "test_soft_floor"),
     "simulation": ("test_beyond_the_model", "test_transformations"),
-    "storage": ("test_trial_cluster",),
     "studies": ("test_adversary_attack", "test_robust_loop", "test_verification"),
+    "trials": ("test_trial_cluster",),
     "tuning": ("test_oscillation", "test_search"),
     "validation": ("test_loops",),
 }

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import types
 
 import numpy as np
 import pytest
@@ -79,3 +80,27 @@ def test_a_table_goes_to_pandas():
     result = gl.run(controller="pid", duration=60)
     table = result.to_pandas("trace.csv")
     assert table["glucose_mg_dl"].tolist() == result.tables["trace.csv"]["glucose_mg_dl"].to_list()
+
+
+def test_a_table_goes_to_pandas_by_lists_alone(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=dict))
+    result = gl.run(controller="pid", duration=60)
+    table = result.to_pandas()
+    assert all(isinstance(column, list) for column in table.values())
+    assert table == result.to_pandas(next(iter(result.tables)))
+
+
+def test_a_report_has_the_numbers_of_the_command(tmp_path):
+    rows = [f"2024-03-{1 + k // 288:02d}T{k // 12 % 24:02d}:{k % 12 * 5:02d},{100 + k % 50}" for k in range(288 * 15)]
+    file = tmp_path / "record.csv"
+    file.write_text("\n".join(["time,glucose_mg_dl", *rows]))
+    result = gl.report(file, period="last-14", label="A")
+    same = printed("report", str(file), "--period", "last-14", "--label", "A")
+    assert result.results["records"] == same["records"]
+    assert "Time active" in str(result)
+    assert gl.report(files=str(file), period="last-14", label="A").results == result.results
+
+
+def test_a_figure_shows_itself_in_a_notebook():
+    figure = gl.run(controller="pid", duration=60).plot()
+    assert figure._repr_png_().startswith(b"\x89PNG")

@@ -31,8 +31,13 @@ def test_every_name_of_a_package_is_there_and_is_no_module_that_hides_it(package
         assert thing.__doc__, name
 
 
-def test_the_interface_has_every_layer_but_the_command_line():
-    assert {name for name in LAYERS if name not in ("cli", "commands")} <= set(glucoloop.__all__)
+def test_the_interface_shows_the_modules_that_users_need_and_none_of_the_inside():
+    shown = {name for name in dir(glucoloop) if name in LAYERS}
+    assert shown - {"gym"} == {
+        *("control", "faults", "identification", "meals", "metrics", "models", "patients", "physiology", "plugin"),
+        *("pumps", "records", "sensors", "simulation", "snapshot", "units"),
+    }
+    assert not any(name.startswith("_") for name in dir(glucoloop))
 
 
 @pytest.mark.parametrize("name", ["pumps", "units"])

@@ -1,8 +1,8 @@
 """glucoloop: an open laboratory for automatic insulin dosing. Research software, not a medical device.
 
-The names below are the everyday interface; they are imported when first used, so that `import glucoloop` and
-``glucoloop --help`` answer at once. Everything else lives in the layers, which are imported in the same way:
-`glucoloop.patients`, `glucoloop.control` and so on.
+``dir(glucoloop)`` has the everyday interface; each name is imported when it is first used, so that `import glucoloop`
+and ``glucoloop --help`` answer at once. `glucoloop.plugin` has what components of one's own import. Both are stable;
+what else the modules hold may change, see the page "Versions and formats".
 
 Importing glucoloop switches JAX to float64 for the whole process, for controllers are designed in it; nothing else of
 JAX changes. See `glucoloop.arithmetic`.

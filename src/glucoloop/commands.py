@@ -94,10 +94,11 @@ class CommandResult:
 
         return plot(self.traces)
 
-    def to_pandas(self, name: str) -> Any:
-        """A table as a DataFrame of pandas, by the name of its file; needs pandas and nothing else."""
+    def to_pandas(self, name: str | None = None) -> Any:
+        """A table as a DataFrame of pandas, by the name of its file or the first one; needs pandas and nothing else."""
         pd = importlib.import_module("pandas")
 
+        name = next(iter(self.tables), "") if name is None else name
         if name not in self.tables:
             raise Refusal(f"{self.command} has no table {name!r}; {known_names(name, list(self.tables))}")
         return pd.DataFrame(self.tables[name].to_dict(as_series=False))
@@ -163,6 +164,15 @@ def trial(**options: Any) -> CommandResult:
     A folder that is unfinished is continued, and a finished one is read. Returns, raises: as `run`.
     """
     return _command("trial", options)
+
+
+def report(*files: Any, **options: Any) -> CommandResult:
+    """Report records of a glucose monitor, or glucose of simulations, as ``glucoloop report`` does.
+
+    `files` are records and folders, as on the command line; `options` are ``period``, ``label``, ``goals``, ``out`` and
+    so on. Returns, raises: as `run`.
+    """
+    return _command("report", {**options, **({"files": [str(file) for file in files]} if files else {})})
 
 
 def _command(name: str, options: Mapping[str, Any]) -> CommandResult:

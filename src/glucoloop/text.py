@@ -15,6 +15,11 @@ _UNPRINTABLE: Final = re.compile(
     "[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
 )
 """Control characters, ends of lines and paragraphs, lone surrogates, and marks that turn the direction of a text."""
+_CREDENTIALS: Final = re.compile(
+    r"(?<=:/)(/*)[^\s/@]+@|([?&;](?:[\w.-]*(?:token|secret|password|signature|credential|key)|sig|pwd)=)(?:[^\s&;#'\":]|:(?!\s))+",
+    re.I,
+)
+"""Name and password in an address, and values of its query that are secrets by their names."""
 _LONGEST_SHOWN: Final = 60
 
 
@@ -26,6 +31,11 @@ def is_printable(text: str) -> bool:
 def printable(text: str) -> str:
     """A text in one line, with the escape of what cannot be printed in its place."""
     return _UNPRINTABLE.sub(lambda letter: ascii(letter[0])[1:-1], text)
+
+
+def without_credentials(text: str) -> str:
+    """A text in which names, passwords and tokens of addresses are ``***``: libraries quote what they were given."""
+    return _CREDENTIALS.sub(lambda found: f"{found[2]}***" if found[2] else f"{found[1]}***@", text)
 
 
 def printable_lines(text: str) -> str:

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 MEAL = ("--meal", "50g@10min")
 
 
@@ -16,6 +18,7 @@ def test_the_note_is_on_the_terminal_in_json_and_in_the_folder(glucoloop, tmp_pa
     assert note not in shown.out
 
 
+@pytest.mark.long
 def test_an_exported_controller_has_the_note_in_its_manifest(glucoloop, tmp_path):
     answer = glucoloop("export", "--controller", "pid", "--announce-meals", "--samples", 6, "--out", "out", "--json")
     [note] = answer.json["notes"]

@@ -225,6 +225,7 @@ def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, t
     assert sums(tmp_path / "a") == sums(tmp_path / "b")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_design_that_fails_changes_nothing(glucoloop, refused, tmp_path):
     wrong = ("trial", "--people", 40, "--controller", "mpc, prediction_horizon=1", *SHORT, "--out", "a/b")
@@ -276,7 +277,7 @@ MISTAKES = {
     "trial --out a --traces some": ["--traces is 'some'", "none, all"],
     "trial --out a --shard-people 0": ["--shard-people is 0"],
     "trial --out a --workers 0": ["--workers is 0"],
-    "trial --out a --dask here": ["--dask is 'here'", "tcp://"],
+    "trial --out a --dask here": ["no address of a scheduler", "tcp://10.0.0.1:8786"],
     "trial --out a --dask tcp://10.0.0.1:1 --workers 3": ["--workers is 3", "leave it out"],
     "trial --out a --integrator fast": ["--integrator", "glucoloop trial --help"],
     "query": ["DIR", "glucoloop query --help"],

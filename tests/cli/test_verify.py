@@ -1,10 +1,13 @@
 """``glucoloop verify``."""
 
+import json
+
+import polars as pl
 import pytest
 
 from glucoloop.metrics.promises import CAPS, DOSE, OF_CONTROLLER, PROMISES
-from glucoloop.studies.verification import NONSENSE_SAMPLES, study
-from glucoloop.studies.verification.campaign import circumstances_of
+from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification, study
+from glucoloop.studies.verification.campaign import circumstances_of, run_campaign
 from glucoloop.studies.verification.study import SAME_BITS
 
 KEPT = {
@@ -50,9 +53,9 @@ def finds(monkeypatch):
     asked = []
 
     def find(parts, *, interrupted=False):
-        def run(given, progress):
+        def run(given, progress, done):
             asked.append(given)
-            for part in parts:
+            for part in parts[done:]:
                 progress(part["arm"]["loops"])
                 yield part
             if interrupted:
@@ -74,7 +77,7 @@ def test_kept_promises_leave_with_0(glucoloop, finds):
         assert line.split()[-1] == "0"
     assert "100 loops, 28800 samples, " in answer.out
     assert "14 of them closed twice" in answer.out
-    assert answer.out.endswith("Every promise was kept.\n")
+    assert "\nEvery promise was kept.\n" in answer.out
     of_pid = next(line.split() for line in answer.out.splitlines() if "pid, guarded" in line)
     assert of_pid[-5:] == ["0.50", "20", "1", "+1.7", "31"]
 
@@ -87,7 +90,7 @@ def test_a_broken_promise_leaves_with_1_and_the_command_that_repeats_it(glucoloo
     assert line.startswith(f"pid, guarded, person 17: {DOSE}; broken at 4 samples, first at 35 min; ")
     assert "--fault 'nonsense, key=11, start_min=30, value=nan'" in line
     assert "person 8: other bits; glucoloop verify --seed 3 --controller pid --person 8" in answer.out
-    assert answer.out.endswith(f"Broken: {DOSE}; {SAME_BITS}.\n")
+    assert f"\nBroken: {DOSE}; {SAME_BITS}.\n" in answer.out
 
 
 def test_json_is_the_same(glucoloop, finds):
@@ -110,6 +113,52 @@ def test_an_interrupt_tells_what_was_done_and_leaves_with_130(glucoloop, finds):
     assert answer.err.splitlines()[-1] == (
         "glucoloop: interrupted; of 100 loops 50 were checked to the end; their results follow."
     )
+
+
+def test_an_interrupted_campaign_goes_on_in_its_folder_and_ends_as_a_whole_one(glucoloop, finds, tmp_path):
+    finds(BREAKS[:1], interrupted=True)
+    answer = glucoloop(*ASKED, "--out", "a")
+    assert answer.code == 130
+    assert "1 of 2 parts are kept, the same command goes on" in answer.err
+    asked = finds(BREAKS)
+    again = glucoloop(*ASKED, "--out", "a")
+    assert again.code == 1
+    assert "1 of 2 parts of a are there already; going on." in again.err
+    assert glucoloop(*ASKED, "--out", "b").code == 1
+    of_both = [json.loads((tmp_path / folder / "summary.json").read_text()) for folder in "ab"]
+    for found in of_both:
+        del found["seconds"]
+    assert of_both[0] == of_both[1]
+    assert glucoloop(*ASKED, "--out", "a", "--json").json["violations"] == of_both[0]["violations"]
+    assert len(asked) == 3  # a finished folder closes no loop
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        "{}",
+        '{"arm": 3}',
+        json.dumps(HOLDS[1]),
+        json.dumps({"arm": {**KEPT, "loops": 40}}),
+        json.dumps({"arm": {**KEPT, "broken": {DOSE: "many"}}}),
+    ],
+)
+def test_loops_of_something_else_are_refused(glucoloop, finds, refused, tmp_path, result):
+    finds(HOLDS[:1], interrupted=True)
+    glucoloop(*ASKED, "--out", "a")
+    pl.DataFrame({"result": [result], "seconds": [1.0]}).write_parquet(tmp_path / "a/loops.parquet")
+    assert "loops.parquet is damaged: " in refused(*ASKED, "--out", "a")
+
+
+@pytest.mark.long
+def test_the_rest_of_a_campaign_is_that_of_the_whole(monkeypatch):
+    monkeypatch.setattr("glucoloop.studies.verification.campaign._horizon_min", lambda name: 100.0)
+    config = Verification(loops=20, controllers=("basal", "pid"))
+    whole = list(run_campaign(config, lambda loops: None))
+    for done in (1, 2, 3):
+        counted = []
+        assert list(run_campaign(config, counted.append, done)) == whole[done:]
+        assert sum(counted) == sum(part["arm"]["loops"] for part in whole[done:])
 
 
 def test_loops_that_native_code_cannot_take_are_told(glucoloop, finds):
@@ -141,12 +190,12 @@ def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatc
     arm = {"controller": "pid", "loops": 50, "samples": 50 * NONSENSE_SAMPLES, "told": told}
     arm |= {"sample_time_min": 5.0, "precision": "float64"}
     arm["broken"] = {promise: len(loops) for promise, loops in told.items()}
-    monkeypatch.setattr(study, "run_nonsense", lambda given, progress: iter([{"arm": arm}]))
+    monkeypatch.setattr(study, "run_nonsense", lambda given, progress, done: iter([{"arm": arm}][done:]))
     asked = ("verify", "--nonsense", 4800, "--seed", 3, "--controller", "pid")
     answer = glucoloop(*asked)
     assert answer.code == (1 if broken else 0)
     assert "4800 samples of guarded controllers with nonsense as inputs, " in answer.out
-    assert answer.out.endswith(f"Broken: {CAPS}.\n" if broken else "Every promise was kept.\n")
+    assert (f"\nBroken: {CAPS}.\n" if broken else "\nEvery promise was kept.\n") in answer.out
     again = "glucoloop verify --nonsense 1 --sample-time 5 --precision float64 --seed 3 --controller pid --person 9"
     assert (f"pid, guarded, loop 9: {CAPS}; {again}" in answer.out) == bool(broken)
     assert glucoloop(*asked, "--json").json["violations"][CAPS] == len(broken.get(CAPS, ()))

@@ -14,10 +14,12 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients.settings import DEFAULT_PATIENT, OperatingPoint, PatientComponent
 from glucoloop.pumps import PARKER_1999_LIMITS
 
+SLOW_ARE_LONG = [pytest.param(name, marks=pytest.mark.long) if of.slow else name for name, of in CONTROLLERS.items()]
+
 
 @pytest.mark.parametrize("operating_point", ["setpoint-81", "nominal-22"])
 @pytest.mark.parametrize("noisy", [False, True])
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", SLOW_ARE_LONG)
 def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_point):
     case = SituationDesignCase(
         patient=gl.patient(operating_point=operating_point),

@@ -54,8 +54,9 @@ def test_a_memory_that_is_no_longer_finite_is_restarted_for_that_person_alone():
     assert decision.status.tolist() == [Status.OK] * 3
 
 
-ESTIMATING = design_mpc_se(
-    LinearModel(
+@pytest.fixture(scope="module")
+def estimating():
+    model = LinearModel(
         Phi=jnp.array([[0.9]]),
         Gamma=jnp.array([-0.3]),
         C=jnp.array([1.0]),
@@ -63,15 +64,13 @@ ESTIMATING = design_mpc_se(
         insulin_mU_min=jnp.array(BASAL),
         glucose_mg_dl=jnp.array(81.0),
         sample_time_min=EVERY,
-    ),
-    [1.0],
-    StateTuning(move_horizon=2, prediction_horizon=7),
-)
+    )
+    return design_mpc_se(model, [1.0], StateTuning(move_horizon=2, prediction_horizon=7))
 
 
 @pytest.mark.parametrize("absurd", [-1e20, 1e20, -5e3, 1e4, math.nan])
-def test_an_estimate_that_no_person_can_have_begins_anew_and_the_status_says_so(absurd):
-    guard = guarded(ESTIMATING)
+def test_an_estimate_that_no_person_can_have_begins_anew_and_the_status_says_so(estimating, absurd):
+    guard = guarded(estimating)
     state = follow(guard, [81.0, 90.0, 100.0, 110.0, 118.0])[2][-1]
     lost = dataclasses.replace(
         state, inner=dataclasses.replace(state.inner, estimate=jnp.full_like(state.inner.estimate, absurd))

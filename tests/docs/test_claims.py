@@ -34,6 +34,7 @@ def script(docs_module, monkeypatch, tmp_path):
     return module
 
 
+@pytest.mark.long
 def test_it_goes_on_where_it_was_stopped_and_writes_the_same_tables(script, tmp_path):
     script.main([*SMALL, "--out", "whole", "--figures", "whole.md"])
     assert script.closed == list(CONTROLLERS)

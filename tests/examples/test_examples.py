@@ -28,7 +28,7 @@ def _in_an_empty_folder(monkeypatch, tmp_path):
         ("your_own_sensor", "readings are behind glucose by up to"),
         ("your_own_pump", "delivery is behind the driven rate by up to 3.6 mU/min"),
         ("your_own_meal_model", "30 g of fat: largest appearance after 61 min"),
-        ("your_own_estimator", "moving-horizon, kalman, share=0.4"),
+        ("your_own_estimator", "share=0.4"),
         ("your_own_sampler", "tried: "),
         ("your_own_reader", "readings: [101.0, 104.0]"),
         ("your_own_metric", "time from 70 to 140 mg/dl: 91.8 %"),

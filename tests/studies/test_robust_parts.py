@@ -1,6 +1,7 @@
 """Ranges, fronts, objectives and samplers of a search for a robust tuning."""
 
 import dataclasses
+import math
 import sys
 
 import numpy as np
@@ -8,8 +9,11 @@ import polars as pl
 import pytest
 
 from glucoloop.component.ranges import Tuned, parse_range
-from glucoloop.studies.robust import BOTH, RANGES
-from glucoloop.studies.robust.search import NO_SCORES, _Bound, _choose, _judged, _pareto, objective, scores
+from glucoloop.refusal import Refusal
+from glucoloop.situations.situation import configured
+from glucoloop.storage.tables import parquet
+from glucoloop.studies.robust import BOTH, RANGES, Search
+from glucoloop.studies.robust.search import NO_SCORES, _Bound, _choose, _judged, _pareto, objective, rows_of, scores
 from glucoloop.tuning.samplers import SAMPLERS, Evaluated
 
 
@@ -150,3 +154,21 @@ def test_chance_needs_no_optuna(monkeypatch):
         sampled("tpe", 0, batch=4)
     with pytest.raises(ValueError, match="unknown sampler 'x'"):
         sampled("x", 0, batch=4)
+
+
+def test_stored_candidates_outside_of_the_search_are_refused(tmp_path):
+    config = configured(Search, {"rounds": 1, "batch": 2})
+    kind, place = rows_of(config), tmp_path / "candidates.parquet"
+    whole = {"candidate": 0, "round": 0, **{one.name: one.low for one in config.space}, **NO_SCORES}
+    place.write_bytes(parquet(kind.table([whole])))
+    assert kind.read(place)[0]["candidate"] == 0
+    first = config.space[0]
+    for name, value, reason in (
+        (first.name, 2.0 * first.high, "the search is from"),
+        (first.name, math.nan, "the search is from"),
+        (next(iter(NO_SCORES)), 1e300, "which no run has"),
+        (next(iter(NO_SCORES)), -math.inf, "which no run has"),
+    ):
+        place.write_bytes(parquet(kind.table([{**whole, name: value}])))
+        with pytest.raises(Refusal, match=reason):
+            kind.read(place)

@@ -131,6 +131,15 @@ def test_nobody_at_the_address(monkeypatch):
         pass
 
 
+@pytest.mark.parametrize(
+    "address", ["tcp://ann:s3cret@10.0.0.1:8786", "tcp://10.0.0.1:8786?token=s3cret", "tcp:// s3cret"]
+)
+def test_an_address_with_a_secret_is_refused_without_it(address):
+    with pytest.raises(ValueError, match="no address of a scheduler") as refused, connected(address):
+        pass
+    assert "s3cret" not in str(refused.value)
+
+
 def test_workers_of_this_machine_are_processes():
     with connected("local", 1) as client:
         assert client.submit(os.getpid).result() != os.getpid()

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from jax.typing import ArrayLike
 
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.bounds.trajectory import RunModel, trajectory_of
@@ -57,6 +58,7 @@ _CALM: Final = 1e-5  # weight of squares in the second minimisation
 _SLACK_WEIGHT: Final = 10.0  # weight there of each mg/dl beyond the slack; with 1, squares outweighed it
 
 
+@represented
 @dataclass(frozen=True)
 class OptimalDoses:
     """The best doses found and the glucose under them; NumPy arrays of one person."""

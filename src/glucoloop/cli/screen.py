@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
-from glucoloop.text import printable, printable_json, printable_lines
+from glucoloop.text import printable, printable_json, printable_lines, without_credentials
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
@@ -53,7 +53,8 @@ def stage(text: str) -> Iterator[Callable[[str], None]]:
 
 
 def print_text(text: str, *, end: str = "\n", error: bool = False) -> None:
-    """Print a text of one line or several on standard output, or on standard error."""
+    """Print a text of one line or several on standard output, or on standard error, there without credentials."""
+    text = without_credentials(text) if error else text
     print(printable_lines(text), end=end, file=sys.stderr if error else sys.stdout)
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.errors import interrupted
-from glucoloop.cli.option import DASK, JSON, OUTPUT, SET, UNITS, WORKERS, CommandOption, Given, options_of, reworded
+from glucoloop.cli.option import DASK, OUTPUT, SET, UNITS, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, Request, completed, notes_without_effect, request_of
 from glucoloop.cli.screen import note, print_json, print_text, show, stage, where_written
@@ -56,7 +56,7 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
         help_of_output = {"out": out, "overwrite": "Begin again in the folder."}
     nested = any(option.key == "patient" for option in options)  # others have no setting that is not an option
     output = tuple(option for option in OUTPUT if nested or option is not SET)
-    options += ((JSON,) if isinstance(study, PlainStudy) and not study.keeps_files else output) + (UNITS,)
+    options += (*output, UNITS)
     rare = {**dict.fromkeys(_SELDOM, True), **study.option_texts.get("rare", {})}
     texts = {**study.option_texts, "help": {**help_of_output, **study.option_texts.get("help", {})}, "rare": rare}
     return tuple(reworded(options, **texts))
@@ -280,21 +280,32 @@ def _run_search(study: SearchStudy, request: Request) -> StudyOutcome:
     module = run.module
     row_kind = module.rows(run.config)
 
+    total, unit = row_kind.amount(row_kind.wanted), row_kind.unit or row_kind.what
+
     def search(rows: list[Any], add: Callable[[Any], None]) -> Results:
         with stage("Preparing"):
             prepared = module.search(run.config)
-        total, before = map(row_kind.amount, (row_kind.wanted, len(rows)))
-        with counted(total, before, row_kind.unit or row_kind.what, rate_over_s=row_kind.rate_over_s) as more:
-            for number, row in enumerate(prepared.missing(rows[:]), start=len(rows)):
-                add(row)
-                more(row_kind.work(number))
+        try:
+            with counted(total, row_kind.amount(len(rows)), unit, rate_over_s=row_kind.rate_over_s) as more:
+                within = (more,) if row_kind.counted_within else ()
+                for number, row in enumerate(prepared.missing(rows[:], *within), start=len(rows)):
+                    add(row)
+                    if not within:
+                        more(row_kind.work(number))
+        except KeyboardInterrupt:
+            if out is not None or not study.partial:
+                raise
         with stage("Summing up"):
             results: Results = prepared.results_of(rows)
             return results
 
     if out is None:
         rows: list[Any] = []
-        return StudyOutcome(run, run.with_notes(search(rows, rows.append)), {})
+        results = run.with_notes(search(rows, rows.append))
+        done = row_kind.amount(len(rows))
+        interruption = f"interrupted; of {total} {unit} {done} were checked to the end; their results follow"
+        whole = not study.partial or len(rows) == row_kind.wanted
+        return StudyOutcome(run, results, {}, interruption="" if whole else interruption)
     work = run.work("search", study.extent)
     opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
     results = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
@@ -303,11 +314,7 @@ def _run_search(study: SearchStudy, request: Request) -> StudyOutcome:
 
 def _run_plain(study: PlainStudy, request: Request) -> StudyOutcome:
     files: dict[str, str] = {}
-    with (
-        request.output.folder(f"{study.name}.toml", study.summary)
-        if study.keeps_files
-        else contextlib.nullcontext() as folder
-    ):
+    with request.output.folder(f"{study.name}.toml", study.summary) as folder:
         run = _StudyRun.of(study, request)
         config = run.config
         module = run.module
@@ -322,13 +329,7 @@ def _run_plain(study: PlainStudy, request: Request) -> StudyOutcome:
             for name, data in {configuration: text.encode(), **run.files_of(results)}.items():
                 folder.write(name, data)
             files = folder.paths()
-    interruption = ""
-    if results.plain.get("interrupted"):
-        amount, unit = module.amount(config), study.unit
-        interruption = (
-            f"interrupted; of {amount} {unit} {results.plain[unit]} were checked to the end; their results follow"
-        )
-    return StudyOutcome(run, results, files, None if study.keeps_files else "", interruption)
+    return StudyOutcome(run, results, files)
 
 
 def _needed_folder(study: Study, output: Output) -> Path:

@@ -34,7 +34,7 @@ with needed_for("an environment"):
 Floats = npt.NDArray[np.float32]
 Observed = dict[str, npt.NDArray[Any]]
 
-MAX_GLUCOSE_MG_DL: Final = 1000.0
+_MAX_GLUCOSE_MG_DL: Final = 1000.0
 """Largest reading or glucose in an observation; one beyond is shown as this."""
 _MAX_CARBS_G: Final = 1000.0
 
@@ -78,10 +78,10 @@ class _Situation:
             bolus_U = float(trial.bolus.max_mU) / MU_PER_U
             low, high, most_U = [*low, 0.0], [*high, bolus_U], most_U + bolus_U
         self.action_box = Box(np.array(low, np.float32), np.array(high, np.float32))
-        seen = {"glucose_mg_dl": ("mg/dl", MAX_GLUCOSE_MG_DL)}
+        seen = {"glucose_mg_dl": ("mg/dl", _MAX_GLUCOSE_MG_DL)}
         if not truth:
             seen = {
-                "reading_mg_dl": ("mg/dl", MAX_GLUCOSE_MG_DL),
+                "reading_mg_dl": ("mg/dl", _MAX_GLUCOSE_MG_DL),
                 "reading_age_min": ("min", trial.horizon_min),
             }
         seen |= {

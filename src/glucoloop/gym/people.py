@@ -46,7 +46,7 @@ if hasattr(os, "register_at_fork"):  # not on Windows, where no process forks
     os.register_at_fork(after_in_child=_note_fork)
 
 
-def refuse_fork() -> None:
+def _refuse_fork() -> None:
     """Refuse to compute in a process that was forked after JAX had run: it would wait for JAX's threads for ever."""
     if _FORKED_FROM_JAX:
         raise Refusal(
@@ -59,7 +59,7 @@ def refuse_fork() -> None:
 Array = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
 
-NOT_OF_THE_AGENT: Final = {
+_NOT_OF_THE_AGENT: Final = {
     "controller": "the agent takes the place of the controllers",
     "model": "the agent brings what it knows",
     "design": "no controller is designed",
@@ -111,8 +111,8 @@ class DosedPeople:
     """
 
     def __init__(self, settings: Mapping[str, Any], number: int, threads: int | None = None) -> None:
-        refuse_fork()
-        for name, reason in NOT_OF_THE_AGENT.items():
+        _refuse_fork()
+        for name, reason in _NOT_OF_THE_AGENT.items():
             if name in settings:
                 raise Refusal(f"{name} is no setting of an environment: {reason}; leave it out")
         if number < 1:
@@ -193,7 +193,7 @@ class DosedPeople:
 
     def reset(self, seed: int | None = None) -> None:
         """Let the next persons begin in all places; with a seed the first ones of that seed."""
-        refuse_fork()
+        _refuse_fork()
         if seed is not None:
             trial = configured(Trial, {**self._settings, "seed": int(seed)})
             if trial.one_person is not None and trial.seed != self.trial.seed:

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from glucoloop.refusal import Refusal
 
-SIZE_INCHES: Final = (8.0, 5.0)
-DOTS_PER_INCH: Final = 80
+_SIZE_INCHES: Final = (8.0, 5.0)
+_DOTS_PER_INCH: Final = 80
 _WITHOUT_WINDOW: Final = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 """Backends of matplotlib that write files only."""
 
@@ -34,7 +34,7 @@ class EpisodePicture:
         if self._in_window:
             self._show(infos)
             return None
-        figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH)
+        figure = Figure(figsize=_SIZE_INCHES, dpi=_DOTS_PER_INCH)
         canvas: Any = FigureCanvasAgg(figure)
         _draw(figure, infos)
         canvas.draw()
@@ -59,7 +59,7 @@ class EpisodePicture:
                 "render_mode 'rgb_array'"
             )
         if self._window is None:
-            self._window = plt.figure(figsize=SIZE_INCHES)
+            self._window = plt.figure(figsize=_SIZE_INCHES)
         _draw(self._window, infos)
         plt.pause(0.001)
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from jax import Array
 
 from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.identification import _check
 from glucoloop.identification.basis import Basis, candidates, chosen
@@ -39,6 +40,7 @@ USUAL: Final = "usual"
 LARGEST_CORRELATION = 0.05
 
 
+@represented
 @pytree
 class Identification:
     """A step-response model from the smoothed impulse response, and how it was obtained."""

@@ -11,6 +11,7 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import checked
 from glucoloop.component.number_text import number_of
 from glucoloop.identification import _check, _unusual
@@ -29,6 +30,7 @@ FROM_ZERO = " (counted from 0)"
 Floats = NDArray[np.float64]
 
 
+@represented
 @pytree
 class Record:
     """N samples of insulin, and the N + 1 glucose readings at their ends.

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.metrics.catalogue import default_results
 from glucoloop.refusal import Refusal
 
@@ -21,6 +22,7 @@ _EVERYDAY: Final = (
 """Results in the short table of ``print(metrics)``."""
 
 
+@represented
 @pytree
 class Metrics:
     """Metrics of a run; each is an attribute and has the shape of the people, `()` for one.

@@ -21,6 +21,7 @@ from collections.abc import Callable
 
 from glucoloop._lazy_jax import jax, jit, jnp
 from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.refusal import Refusal
 
 
@@ -41,6 +42,7 @@ class ContinuousModel:
     glucose_mg_dl: jax.Array
 
 
+@represented
 @pytree
 class LinearModel:
     """A linear model sampled with a zero-order hold, and the point about which it holds."""

@@ -12,6 +12,7 @@ from typing import Any, Final, Self
 
 from glucoloop._lazy_jax import jax, jit, jnp, np
 from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import is_traced
 from glucoloop.refusal import Refusal
 
@@ -50,6 +51,7 @@ class Realisation:
         return dataclasses.replace(self, start=self.states(after - self.after + 1)[:, -1], after=after)
 
 
+@represented
 @pytree
 class StepResponseModel:
     """Response of glucose to a unit step of insulin: S_1..S_M, and what comes after M samples.

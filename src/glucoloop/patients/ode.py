@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop._representation import represented
 from glucoloop.patients.model import PatientModel, Values
 from glucoloop.patients.protocol import Inputs, inputs_of
 from glucoloop.patients.resting import Constants, Rest, RestingPatient, shape_of_people
@@ -78,7 +79,7 @@ class OdePatient(RestingPatient[dict[str, Any]]):
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
-        pytree(cls)
+        represented(pytree(cls))
         cls.rest = Rest(
             under=functools.partial(_under, cls),
             holding=lambda p, glucose_mg_dl: _holding(cls, p, glucose_mg_dl)[0],

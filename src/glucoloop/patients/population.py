@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._extras import MissingExtraError
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at
@@ -39,6 +40,7 @@ _WEIGHT: Final = "weight_kg"
 P = TypeVar("P", bound=Patient | Profile)
 
 
+@represented
 @dataclass(frozen=True)
 class Population:
     """Differences between people around the nominal patient.

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._representation import represented
 from glucoloop.meals.scenario import Meal
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal
@@ -32,6 +33,7 @@ MAX_ROWS: Final = 100_000
 Known = float | None
 
 
+@represented
 @dataclass(frozen=True, kw_only=True)
 class PeopleTable:
     """Named people, one a row.

@@ -13,6 +13,7 @@ from typing import Annotated, Final
 
 import polars as pl
 
+from glucoloop._representation import represented
 from glucoloop.records.answers import Answers, pairs_from_text
 from glucoloop.records.times import YEARS
 from glucoloop.refusal import Refusal
@@ -75,6 +76,7 @@ class FileRefusal(Refusal):
         self.paths, self.why = tuple(paths), str(why)
 
 
+@represented
 @dataclass(frozen=True, kw_only=True)
 class DeviceRecord:
     """Record that devices made of a person: one row for each reading, meal, bolus or change of the basal rate.

@@ -24,6 +24,7 @@ _FOR_PRINT: Final[dict[Any, Any]] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "glucoloop",
 }
+_NOTEBOOK_DPI: Final = 150
 _UNDATED: Final[dict[str, dict[str, None]]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
@@ -45,6 +46,12 @@ class _PrintFigure(Figure):
         """Save the figure as `matplotlib.figure.Figure.savefig` does, with TrueType fonts in PDF and PostScript."""
         with matplotlib.rc_context(_FOR_PRINT):
             super().savefig(fname, transparent=transparent, **kwargs)
+
+    def _repr_png_(self) -> bytes:
+        """PNG of the figure, which a notebook shows."""
+        picture = io.BytesIO()
+        self.savefig(picture, format="png", dpi=_NOTEBOOK_DPI)
+        return picture.getvalue()
 
 
 def print_figure(size_inch: tuple[float, float]) -> Figure:

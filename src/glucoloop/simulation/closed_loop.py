@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop._representation import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
 from glucoloop.component.effects import ANNOUNCEMENTS, warn_without_effect
 from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses, uses_of
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 Values = jax.Array | npt.NDArray[np.float64]
 
 
+@represented
 @pytree
 class Trace:
     """Course of a run, sample by sample; time on the leading axis, people trailing."""

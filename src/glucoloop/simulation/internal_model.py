@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals import fasting
 from glucoloop.meals.moments import moments_of_steps
@@ -88,6 +89,7 @@ def _at_rest(patient: Patient, setpoint_mg_dl: float | None) -> tuple[jax.Array,
     return insulin, state
 
 
+@represented
 @pytree
 class InternalModel:
     """Internal model of a patient for a controller; implements `models.nonlinear.FedModel`."""

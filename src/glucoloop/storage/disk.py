@@ -97,7 +97,7 @@ def is_part(name: str, *names: str) -> bool:
     return not names or name[1 : -len(PART)] in names
 
 
-def part_of(path: Path) -> Path:
+def _part_of(path: Path) -> Path:
     """Temporary path of a file or folder while it is made or removed."""
     return path.parent / f".{path.name}{PART}"
 
@@ -122,7 +122,7 @@ def digest(path: Path) -> str:
 def put_file(place: Path, data: bytes) -> None:
     """Put a file in its place, replacing an earlier one."""
     is_file(place)
-    part = part_of(place)
+    part = _part_of(place)
     with _making(part):
         _write_new(part, data)
         os.replace(part, place)
@@ -132,7 +132,7 @@ def put_file(place: Path, data: bytes) -> None:
 def check_writable(place: Path) -> None:
     """Raise what `put_file` would raise where no file can be put, and leave the place as it is."""
     is_file(place)
-    part = part_of(place)
+    part = _part_of(place)
     with _making(part):
         _write_new(part, b"")
         remove(part)
@@ -143,7 +143,7 @@ def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
 
     An earlier folder gives way to it, in one step where the system can exchange two names.
     """
-    part = part_of(place)
+    part = _part_of(place)
     with _making(part):
         os.mkdir(part)
         for name, data in files.items():
@@ -181,7 +181,7 @@ def recover(place: Path) -> None:
     old = _old(place)
     if kind(old) and not kind(place):
         os.rename(old, place)
-    for left in (old, part_of(place)):
+    for left in (old, _part_of(place)):
         remove(left)
 
 
@@ -197,7 +197,7 @@ def remove(path: Path) -> None:
         os.unlink(path)
         return
     if not is_part(path.name):
-        part = part_of(path)
+        part = _part_of(path)
         remove(part)
         os.rename(path, part)
         with contextlib.suppress(OSError):  # a part of a folder that a power cut leaves is told by its digests
@@ -371,4 +371,4 @@ def _replace(place: Path, part: Path) -> None:
 
 
 def _old(place: Path) -> Path:
-    return part_of(place.parent / f"{place.name}.old")
+    return _part_of(place.parent / f"{place.name}.old")

@@ -16,7 +16,7 @@ from glucoloop.user_file import read_regular
 
 F = TypeVar("F")
 
-LARGEST_TEXT_BYTES: Final = 200_000_000
+_LARGEST_TEXT_BYTES: Final = 200_000_000
 
 
 def read_text(path: Path, what: str) -> str:
@@ -25,14 +25,14 @@ def read_text(path: Path, what: str) -> str:
     A ValueError tells that it cannot be read as `what`, ``"a model"``: it is empty, far too large, or not text.
     """
     try:
-        data = read_regular(path, LARGEST_TEXT_BYTES)
+        data = read_regular(path, _LARGEST_TEXT_BYTES)
     except Refusal as error:
         raise Refusal(f"{path} cannot be read as {what}: {error}") from None
     except OSError as error:
         mend = disk.mend(error, f"give the path of {what}")
         raise Refusal(f"{path} cannot be read as {what}: {error.strerror}; {mend}") from None
-    if len(data) > LARGEST_TEXT_BYTES:
-        raise Refusal(f"{path} is too large for {what}: at most {LARGEST_TEXT_BYTES} bytes will do")
+    if len(data) > _LARGEST_TEXT_BYTES:
+        raise Refusal(f"{path} is too large for {what}: at most {_LARGEST_TEXT_BYTES} bytes will do")
     if not data.strip():
         raise Refusal(f"{path} is empty; give the path of {what}")
     try:
@@ -49,7 +49,7 @@ def stored_json(path: Path, mend: str, form: type[F]) -> F:
 
     The form is a dataclass, see `schema.values`, or ``dict[str, Any]`` for any object.
     """
-    data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
+    data = disk.read_bytes(path, _LARGEST_TEXT_BYTES)
     try:
         return checked(form, json_value(data))
     except Refusal as error:

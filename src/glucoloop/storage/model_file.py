@@ -26,7 +26,7 @@ _FromZero = Annotated[float, ValueBounds(at_least=0.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RestingPoint:
+class _RestingPoint:
     """Steady state around which the model holds."""
 
     name: str | None
@@ -36,7 +36,7 @@ class RestingPoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Provenance:
+class _Provenance:
     """Origin of the model."""
 
     glucoloop: str
@@ -62,7 +62,7 @@ class Quality:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recursion:
+class _Recursion:
     """Linear system that generates the impulse response; see `models.step_response.Realisation`."""
 
     transition: Annotated[list[Response], ValueBounds(shortest=1, longest=100)]
@@ -97,12 +97,12 @@ class ModelFile:
     """S_1 .. S_M, mg/dl per mU/min."""
     impulse_response: Response
     """h_1 .. h_M, its increments."""
-    realisation: Recursion | None = None
+    realisation: _Recursion | None = None
     """The response beyond its memory; None for one that ends there."""
-    operating_point: RestingPoint
+    operating_point: _RestingPoint
     quality: Quality | None = None
     """Quality of the model; None in a file from another program."""
-    provenance: Provenance
+    provenance: _Provenance
 
     def __post_init__(self) -> None:
         step, impulse = np.array(self.step_response), np.array(self.impulse_response)
@@ -165,14 +165,14 @@ def model_file(
         sample_time_min=model.sample_time_min,
         step_response=np.asarray(model.step_response).tolist(),
         impulse_response=np.asarray(model.impulse_response).tolist(),
-        realisation=None if model.realisation is None else Recursion.of(model.realisation),
-        operating_point=RestingPoint(
+        realisation=None if model.realisation is None else _Recursion.of(model.realisation),
+        operating_point=_RestingPoint(
             name=operating_point,
             basal_insulin_mU_min=identification.basal_insulin_mU_min,
             glucose_mg_dl=identification.baseline_glucose_mg_dl,
         ),
         quality=Quality(**vars(identification.reliability)),
-        provenance=Provenance(
+        provenance=_Provenance(
             glucoloop=glucoloop.__version__,
             source=source,
             method=identification.method,

@@ -49,6 +49,8 @@ class Rows(Generic[R]):
     """Name of the work that progress counts, ``"patient-days"``; by default it counts rows."""
     work: Callable[[int], int] = lambda number: 1
     """Amount of work in the row of a number."""
+    counted_within: bool = False
+    """Whether the study itself counts the work while a row is made, rather than each row when it is done."""
     rate_over_s: float = 30.0
     """Time over which the rate of the work is taken; longer where some rows take much longer than others."""
 

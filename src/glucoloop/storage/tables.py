@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from glucoloop.simulation import Trace
 
 RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
-MEAL_COLUMN: Final = "carbs_g"
+_MEAL_COLUMN: Final = "carbs_g"
 """Optional column of meals in a record."""
 
 
@@ -39,7 +39,7 @@ def record_table(record: Record) -> pl.DataFrame:
     It has a column of meals only if they are known.
     """
     insulin, glucose = np.asarray(record.insulin_mU_min), np.asarray(record.glucose_mg_dl)
-    meals = {} if record.carbs_g is None else {MEAL_COLUMN: np.append(np.asarray(record.carbs_g), 0.0)}
+    meals = {} if record.carbs_g is None else {_MEAL_COLUMN: np.append(np.asarray(record.carbs_g), 0.0)}
     return pl.DataFrame(
         {
             "t_min": record.sample_time_min * np.arange(glucose.size),
@@ -134,15 +134,15 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
     except pl.exceptions.PolarsError as error:
         why = _line_too_long(text) or next(iter(str(error).splitlines()), "it is damaged")
         raise Refusal(f"{path} is not a CSV table: {why}") from None
-    for column in (*RECORD_COLUMNS, MEAL_COLUMN):
+    for column in (*RECORD_COLUMNS, _MEAL_COLUMN):
         if f"{column}_duplicated_0" in table.columns:  # as the reader calls a second one
             raise Refusal(f"{path} has the column {column!r} twice; leave one out")
-        if column not in table.columns and column != MEAL_COLUMN:
+        if column not in table.columns and column != _MEAL_COLUMN:
             raise Refusal(
                 f"{path} has no column {column!r}, only {', '.join(table.columns)}; "
                 f"its first line must name {', '.join(RECORD_COLUMNS)}"
             )
-    columns = (*RECORD_COLUMNS, *({MEAL_COLUMN} & set(table.columns)))
+    columns = (*RECORD_COLUMNS, *({_MEAL_COLUMN} & set(table.columns)))
     table = table.select(columns).filter(~pl.all_horizontal(pl.all().is_null()))
     return {column: [_number(text) for text in table[column].to_list()] for column in columns}
 

@@ -29,8 +29,7 @@ By its kind it has
 - `PlainStudy`: it is carried out in one go by ``results_of(config, progress)``, where `progress` is called with a text
   for what was done or, in a study that counts units, with their number; ``amount(config)`` is that of all. A folder is
   written whole or not at all, with what was found, what was drawn and the configuration. Where ``holds`` or
-  ``complete`` is False among the results, the exit code is 1; where ``interrupted`` is true, 130. Examples:
-  ``studies/tuning``, and ``studies/verification``, which counts its loops and keeps nothing.
+  ``complete`` is False among the results, the exit code is 1. Example: ``studies/tuning``.
 
 What was found is a `storage.results.Results`: plain values, which are the summary and the JSON, and tables by the
 names of their files. ``notes`` among the plain values are sentences that JSON tells on standard error too. A finished
@@ -93,6 +92,8 @@ class SearchStudy(Study):
     """File of its rows."""
     needs_folder: bool = True
     """Whether it is always kept in a folder."""
+    partial: bool = False
+    """Whether the first rows are results too, which are shown after an interrupt where no folder keeps them."""
     extent: tuple[str, ...] = ()
     """Settings that may differ when it is resumed: how far it goes."""
 
@@ -102,6 +103,4 @@ class PlainStudy(Study):
     """A study that is carried out in one go."""
 
     unit: str = ""
-    """Name of the units that are counted while it works, also among its results: ``"loops"``; none by default."""
-    keeps_files: bool = True
-    """Whether it can write a folder, and read a configuration file."""
+    """Name of the units that are counted while it works, ``"samples"``; none by default."""

@@ -11,6 +11,7 @@ import contextlib
 import importlib
 import itertools
 import logging
+import re
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -43,6 +44,8 @@ _CONNECT_S: Final = 30
 _MAX_LABELS: Final = 5
 """Largest number of cases that are named one by one."""
 _designing = threading.Lock()
+_ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]*://[^\s/@?#]+(/[\w./-]*)?")
+"""Address of a scheduler of Dask, which holds nothing that is secret."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,8 @@ class Workers:
     def of(cls, number: str | None = None, dask: str | None = None) -> Self:
         """The place that options name; Refusal for one that cannot be used, before anything is designed."""
         workers = None if number is None else _NUMBER.check(_NUMBER.read(number))
-        if dask is not None and dask != _LOCAL and "://" not in dask:
-            raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
+        if dask not in (None, _LOCAL):
+            _refuse_no_address(dask)
         if dask not in (None, _LOCAL) and workers is not None:
             raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
         if dask is not None:
@@ -115,7 +118,7 @@ def run_here(folder: TrialFolder, simulate: Simulate) -> None:
             writing.result()
 
 
-def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
+def _shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
     """The files of a shard, computed by a worker.
 
     `version` and `identity` are those of glucoloop and of the arithmetic in the process that owns the folder; a
@@ -158,6 +161,8 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
         options["silence_logs"] = logging.ERROR
     elif workers is not None:
         raise Refusal("the number of workers is the cluster's own; leave it out")
+    else:
+        _refuse_no_address(address)
     logger = logging.getLogger("distributed.client")
     with contextlib.ExitStack() as stack:
         stack.callback(logger.setLevel, logger.level)
@@ -172,6 +177,15 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
                 "start one, or give its address like tcp://10.0.0.1:8786"
             ) from None
         yield client
+
+
+def _refuse_no_address(text: str) -> None:
+    """Refuse what is no address of a scheduler, without a word of it: it may hold a name and a password."""
+    if not _ADDRESS.fullmatch(text):
+        raise Refusal(
+            "what is given for Dask is no address of a scheduler; give local, or an address like tcp://10.0.0.1:8786, "
+            "without a name or a password"
+        )
 
 
 def library() -> Any:
@@ -208,7 +222,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Callable[[int], N
     def fill() -> None:
         most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values()))
         for index in itertools.islice(waiting, max(0, most - len(running))):
-            work = shard_on_worker, trial, index, glucoloop.__version__, identity
+            work = _shard_on_worker, trial, index, glucoloop.__version__, identity
             future = client.submit(*work, pure=False, retries=_RETRIES)
             running[future] = index
             completed.add(future)

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.random_keys import keys_of_people
@@ -35,6 +36,7 @@ from glucoloop.trials.blocks import block_size, in_blocks
 Array = npt.NDArray[Any]
 
 
+@represented
 @dataclass(frozen=True)
 class PeopleRun:
     """Results of people; people trail."""

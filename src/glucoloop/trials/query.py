@@ -40,7 +40,7 @@ VIEWS: Final = {
     "summary": "how each metric is spread, by controller",
     "traces": "glucose and insulin of those whose traces were kept",
 }
-MAX_MEMORY_MB: Final = 1000
+_MAX_MEMORY_MB: Final = 1000
 """Memory that a query may take: what DuckDB counts, and on Linux all that the process takes for it."""
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
@@ -59,7 +59,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class TrialTables:
+class _TrialTables:
     """The tables of a trial, open for queries; see `trial_tables`."""
 
     connection: Any
@@ -117,7 +117,7 @@ class TrialTables:
 
 
 @contextlib.contextmanager
-def trial_tables(folder: Path, memory_mb: int = MAX_MEMORY_MB) -> Iterator[TrialTables]:
+def trial_tables(folder: Path, memory_mb: int = _MAX_MEMORY_MB) -> Iterator[_TrialTables]:
     """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done.
 
     In the block the process, whatever it does, may take `memory_mb` more memory than it has; see `_memory_limited`.
@@ -155,7 +155,7 @@ def trial_tables(folder: Path, memory_mb: int = MAX_MEMORY_MB) -> Iterator[Trial
         columns = dict(result)
         views = {name: columns[name] for name in VIEWS if name in columns}
         with _memory_limited(memory_mb * 1_000_000):
-            yield TrialTables(connection, views, len(shards), origin.shards, memory_mb)
+            yield _TrialTables(connection, views, len(shards), origin.shards, memory_mb)
 
 
 def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:

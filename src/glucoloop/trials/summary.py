@@ -52,7 +52,7 @@ class _AffectedPeople:
 
 
 @dataclass(frozen=True)
-class Histogram:
+class _Histogram:
     """Number of people with a metric in each bin; values beyond the edges are counted in the outermost bins."""
 
     edges: Floats
@@ -75,7 +75,7 @@ class TrialSummary:
     """
     cvga_counts: Mapping[str, npt.NDArray[np.int64]]
     """People in each cell of the control-variability grid, by controller."""
-    distributions: Mapping[str, Mapping[str, Histogram]]
+    distributions: Mapping[str, Mapping[str, _Histogram]]
     """Histogram of each metric in `DISTRIBUTIONS`, by controller."""
 
 
@@ -173,15 +173,15 @@ def _quantiles(shards: Shards, cases: Mapping[str, _Case]) -> dict[str, dict[str
 
 def _distributions(
     shards: Shards, result: Mapping[str, Mapping[str, Mapping[str, float]]]
-) -> dict[str, dict[str, Histogram]]:
+) -> dict[str, dict[str, _Histogram]]:
     """Histograms between edges that all controllers share, from the quantiles of each."""
-    counted: dict[str, dict[str, Histogram]] = {label: {} for label in result}
+    counted: dict[str, dict[str, _Histogram]] = {label: {} for label in result}
     for metric in DISTRIBUTIONS:
         ends = np.array([[metrics[metric]["p1"], metrics[metric]["p99"]] for metrics in result.values()])
         low, high = (ends[:, 0].min(), ends[:, 1].max()) if np.isfinite(ends).all() else (0.0, 1.0)
         edges = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
         for label in result:
-            counted[label][metric] = Histogram(edges, np.zeros(_BINS, np.int64))
+            counted[label][metric] = _Histogram(edges, np.zeros(_BINS, np.int64))
     for shard in shards():
         for label, histograms in counted.items():
             values = _columns(shard[label])

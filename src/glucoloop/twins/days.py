@@ -18,10 +18,10 @@ from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, S_PER_MIN
 Values = npt.NDArray[np.float64]
 
 SAMPLE_MIN: Final = 5.0
-SAMPLES_PER_DAY: Final = round(MIN_PER_DAY / SAMPLE_MIN)
-LONGEST_GAP_MIN: Final = MIN_PER_DAY
+_SAMPLES_PER_DAY: Final = round(MIN_PER_DAY / SAMPLE_MIN)
+_LONGEST_GAP_MIN: Final = MIN_PER_DAY
 """Time without readings after which a record begins again: what happened before says nothing of the state after."""
-FEWEST_MEALS: Final = 3
+_FEWEST_MEALS: Final = 3
 FEWEST_READINGS: Final = 100
 _MEALS_TOGETHER: Final = 32
 """Meals are filled up with meals of 0 g to a multiple of this, so that few programs are compiled."""
@@ -125,14 +125,14 @@ def recorded_days(record: DeviceRecord, *, most_days: int = 14, basal_U_h: float
     last = readings["time"][-1]
     end_min = _minutes(last, first)
     days = max(1, int(np.ceil((end_min + SAMPLE_MIN) / MIN_PER_DAY)))
-    edges = SAMPLE_MIN * np.arange(days * SAMPLES_PER_DAY + 1, dtype=np.float64)
+    edges = SAMPLE_MIN * np.arange(days * _SAMPLES_PER_DAY + 1, dtype=np.float64)
     inside = frame.filter((pl.col("time") >= first) & (pl.col("time") <= last))
     meals = inside.filter(pl.col("carbs_g") > 0.0)
     boluses = inside.filter(pl.col("bolus_U") > 0.0)
-    if meals.height < FEWEST_MEALS:
+    if meals.height < _FEWEST_MEALS:
         raise Refusal(
             f"it has {how_many(meals.height, 'meal')} from {first:%Y-%m-%d} to {last:%Y-%m-%d}; a twin is found from "
-            f"{FEWEST_MEALS} meals or more with their carbohydrate"
+            f"{_FEWEST_MEALS} meals or more with their carbohydrate"
         )
     basal = _basal_mU(frame, first, edges, basal_U_h, end_min, notes)
     if not boluses.height and not np.ptp(basal):
@@ -164,7 +164,7 @@ def recorded_days(record: DeviceRecord, *, most_days: int = 14, basal_U_h: float
 def _last_stretch(readings: pl.DataFrame, most_days: int, notes: list[str]) -> tuple[pl.DataFrame, dt.datetime]:
     """Readings after the last long gap and within the last days, and the time of the first sample."""
     steps_min = readings["time"].diff().dt.total_seconds().to_numpy() / S_PER_MIN
-    gaps = np.flatnonzero(steps_min > LONGEST_GAP_MIN)
+    gaps = np.flatnonzero(steps_min > _LONGEST_GAP_MIN)
     if gaps.size:
         readings = readings[int(gaps[-1]) :]
         notes.append(
@@ -177,7 +177,7 @@ def _last_stretch(readings: pl.DataFrame, most_days: int, notes: list[str]) -> t
         notes.append(f"The last {how_many(most_days, 'day')} were used.")
     if readings.height < FEWEST_READINGS:
         raise Refusal(
-            f"it has {how_many(readings.height, 'reading')} without a gap of {LONGEST_GAP_MIN / MIN_PER_H:.0f} h; a "
+            f"it has {how_many(readings.height, 'reading')} without a gap of {_LONGEST_GAP_MIN / MIN_PER_H:.0f} h; a "
             f"twin needs {FEWEST_READINGS} or more"
         )
     first = readings["time"][0]

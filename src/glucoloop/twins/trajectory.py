@@ -29,7 +29,7 @@ from glucoloop.twins.prior import Prior
 
 Values = npt.NDArray[np.float64]
 
-START_SD: Final = 0.2
+_START_SD: Final = 0.2
 """Standard deviation of the logarithm of glucose at the start about the first reading."""
 WARM_UP_MIN: Final = 360.0
 """Time from the start in which readings are not used: the state forgets how it was begun."""
@@ -114,7 +114,7 @@ class Simulator:
         """People of coordinates ``(coordinates, people)``, and their states at the start."""
         unknown = jnp.full(z.shape[1], jnp.nan)
         people = patient_model(self.prior.patient).build(self.prior.values(z[:-1]), unknown, unknown)
-        _, x = rest_at(people, first_mg_dl * jnp.exp(START_SD * z[-1]))
+        _, x = rest_at(people, first_mg_dl * jnp.exp(_START_SD * z[-1]))
         return people, x
 
     def _course(self, z: jax.Array, given: dict[str, jax.Array]) -> jax.Array:

@@ -4,6 +4,7 @@ Not among them are cases of ratios of autosens other than 1, of arguments that a
 and one whose profile has no target, by a slip. All are asked without predicted activity of insulin, as there.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -105,6 +106,9 @@ ROUNDED = [
 ]
 
 
+dose = jax.jit(determine_basal, static_argnames="micro_bolus_allowed")
+
+
 def profile_of(**changed):
     return DosingProfile(**{**PERSON, **changed})
 
@@ -113,7 +117,7 @@ def profile_of(**changed):
 def test_the_dose_is_as_the_original_expects_it(name):
     (bg, delta, short, long), (rate, minutes), (on_board, activity), changed, rates, durations = CASES[name]
     number, none = jnp.asarray, jnp.zeros(0)
-    told = determine_basal(
+    told = dose(
         GlucoseStatus(
             glucose_mg_dl=number(bg),
             delta=number(delta),

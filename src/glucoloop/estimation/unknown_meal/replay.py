@@ -6,6 +6,7 @@ from typing import Any
 
 from glucoloop._lazy_jax import jax, jit, jnp, np, npt
 from glucoloop._pytree import pytree
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
 from glucoloop.models.nonlinear import FedModel
@@ -15,6 +16,7 @@ from glucoloop.units import MIN_PER_DAY
 _ON_GRID = 1e-6  # of a sample; times nearer than this are the same time
 
 
+@represented
 @pytree
 class MealEstimates:
     """Estimates at each sample; time is the leading axis."""

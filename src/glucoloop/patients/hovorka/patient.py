@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop._representation import represented
 from glucoloop.arguments import checked
 from glucoloop.component.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 from glucoloop.meals.hovorka import HovorkaGut
@@ -25,6 +26,7 @@ PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
 
 
+@represented
 @pytree
 class HovorkaPatient(RestingPatient[HovorkaConstants]):
     """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""

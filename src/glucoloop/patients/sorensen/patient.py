@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop._representation import represented
 from glucoloop.arguments import checked
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
@@ -24,6 +25,7 @@ _WORKING_INSULIN: Final = 1.35
 """Insulin of the working state in basal rates, between rest and the delivery while a meal is absorbed."""
 
 
+@represented
 @pytree
 class SorensenPatient(RestingPatient[SorensenParameters]):
     """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""

@@ -29,6 +29,8 @@ from glucoloop.tuning.samplers import Evaluated
 CHOSEN: Final = "chosen"
 AS_IT_WAS: Final = "as it was"
 _MAX_CANDIDATES: Final = 1_000_000
+_LARGEST_SCORE: Final = 1e9
+"""Magnitude that no objective of a run reaches."""
 Candidate = dict[str, Any]
 """A tuning that was tried, as a row: its number, its round, the tuned numbers, and its scores."""
 _LOW_MG_DL: Final = 60.0
@@ -174,6 +176,15 @@ def rows_of(config: Search) -> Rows[Candidate]:
     def row(cells: Mapping[str, Any], before: Sequence[Candidate]) -> Candidate:
         if cells["candidate"] != len(before):
             raise Refusal("the candidates are not in their order")
+        for setting in config.space:
+            if cells[setting.name] is None or not setting.holds(cells[setting.name]):
+                raise Refusal(
+                    f"candidate {cells['candidate']} has {setting.name} {cells[setting.name]}, and the search is from "
+                    f"{setting.low:g} to {setting.high:g}"
+                )
+        for name in NO_SCORES:
+            if cells[name] is not None and not abs(cells[name]) <= _LARGEST_SCORE:
+                raise Refusal(f"candidate {cells['candidate']} has {name} {cells[name]:g}, which no run has")
         return {name: float("nan") if cell is None else cell for name, cell in cells.items()}
 
     return Rows(

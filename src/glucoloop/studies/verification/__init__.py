@@ -15,7 +15,7 @@ from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
-from glucoloop.studies.study import PlainStudy
+from glucoloop.studies.study import SearchStudy
 
 _DEFAULT_LOOPS: Final = 100_000
 _SLOW_SHARE: Final = 0.05
@@ -124,7 +124,7 @@ class Verification(Component):
         return f"glucoloop verify {kind}--seed {self.seed} --controller {controller} --person {person}"
 
 
-VERIFY: Final = PlainStudy(
+VERIFY: Final = SearchStudy(
     name="verify",
     what="a verification",
     help=(
@@ -133,15 +133,16 @@ VERIFY: Final = PlainStudy(
         "and pump at once, also absurd ones, with every controller, with and without a guard. The exit code is 0 if "
         "every promise was kept and 1 if one was broken; each broken loop is listed with the command that simulates it "
         "again.\n\n"
-        "All loops are drawn at random; `glucoloop adversary` searches for the sensor errors that do the most harm."
-        "\n\n"
+        "All loops are drawn at random; `glucoloop adversary` searches for the sensor errors that do the most harm. "
+        "With --out, what is done stays: after Ctrl-C or a kill the same command goes on with the next controller.\n\n"
         "  glucoloop verify\n\n"
-        "  glucoloop verify --loops 1000000 --seed 2 --json > found.json\n\n"
+        "  glucoloop verify --loops 1000000 --seed 2 --out million\n\n"
         "  glucoloop verify --seed 2 --controller mpc --person 17\n\n"
         "  glucoloop verify --nonsense 100000000"
     ),
     module="glucoloop.studies.verification.study",
     request=Verification,
-    unit="loops",
-    keeps_files=False,
+    results="loops.parquet",
+    needs_folder=False,
+    partial=True,
 )

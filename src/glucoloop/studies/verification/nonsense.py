@@ -265,11 +265,18 @@ def _overwritten(state: Any, word: jax.Array, value: jax.Array) -> Any:
     return jax.tree.unflatten(structure, new)
 
 
-def run_nonsense(config: Verification, progress: Progress) -> Iterator[dict[str, dict[str, Any]]]:
-    """The loops of each guarded controller at each sample time and precision as plain values, each an ``arm``."""
+def run_nonsense(config: Verification, progress: Progress, done: int = 0) -> Iterator[dict[str, dict[str, Any]]]:
+    """The loops of each guarded controller at each sample time and precision as plain values, each an ``arm``.
+
+    The first `done` of them are left out.
+    """
+    position = 0
     for name, number in config.people().items():
         loop = np.arange(number) if config.person is None else np.array([config.person])
         for sample_time_min, precision in config.guard_timings():
+            position += 1
+            if position <= done:
+                continue
             samples = _Loops(name, config, sample_time_min, precision).broken(loop, progress)
             broken = dict(zip(OF_CONTROLLER, samples > 0, strict=True))
             yield {

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import functools
+import json
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
+
+import polars as pl
 
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.metrics.promises import OF_CONTROLLER, PROMISES
 from glucoloop.patients.settings import PATIENTS
+from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.reporting.descriptions import engine_notes
 from glucoloop.reporting.periods import moment_text
+from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import ControlledSituation, intravenous_boluses
 from glucoloop.storage.results import Results
-from glucoloop.studies.verification import Verification
+from glucoloop.storage.rows import Rows
+from glucoloop.studies.verification import VERIFY, Verification
 from glucoloop.studies.verification.campaign import (
     LISTED,
     MARGIN_PCT,
@@ -28,6 +35,52 @@ from glucoloop.studies.verification.nonsense import run_nonsense
 from glucoloop.text import how_many
 
 SAME_BITS: Final = "the same bits again, in another order and other blocks"
+_MAX_PARTS: Final = 10_000
+_LONGEST_TEXT: Final = 20_000_000
+"""Largest size of the results of a part as a text: each broken loop of which is listed by number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Arm:
+    """Form of the results of one controller with a guard or without."""
+
+    controller: str
+    guarded: bool
+    engine: str
+    not_native: str | None
+    loops: int
+    samples: int
+    broken: dict[str, int]
+    repeated: int
+    not_repeated: list[int]
+    told: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Guarding:
+    """Form of the effect of the guard on the time below 60 mg/dl."""
+
+    controller: str
+    pairs: int
+    bare_pct: float
+    guarded_pct: float
+    better: int
+    worse: int
+    worst_pct: float
+    worst_person: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class _NonsenseArm:
+    """Form of the results of one guarded controller that was given nonsense."""
+
+    controller: str
+    sample_time_min: float
+    precision: str
+    loops: int
+    samples: int
+    broken: dict[str, int]
+    told: dict[str, list[int]]
 
 
 def notes(config: Verification) -> tuple[str, ...]:
@@ -38,48 +91,105 @@ def notes(config: Verification) -> tuple[str, ...]:
     return intravenous_boluses(ControlledSituation(patient=PATIENTS.parse(config.patient), controller=chosen))
 
 
-def amount(config: Verification) -> int:
-    """Number of loops that will be closed."""
-    repeats = 2 if config.nonsense is None else len(config.guard_timings())
-    return repeats * sum(config.people().values())
+@dataclass(frozen=True)
+class _Part:
+    """Loops of one controller, with a guard or without, or at one sample time and precision of a nonsense test."""
+
+    result: dict[str, Any]
+    """Its ``arm``, and of a guarded one ``guarding``, as `run_campaign` and `run_nonsense` yield them."""
+    seconds: float
 
 
-def results_of(config: Verification, progress: Callable[[int], None]) -> Results:
-    """Close the loops, and count in how many each promise was broken.
+def _arms_of(config: Verification) -> list[dict[str, Any]]:
+    """What identifies the parts, in their order: the controller, and the guard or the timing."""
+    timings = [
+        {"sample_time_min": sample_time, "precision": precision} for sample_time, precision in config.guard_timings()
+    ]
+    each = [{"guarded": False}, {"guarded": True}] if config.nonsense is None else timings
+    return [{"controller": name, "loops": number, **one} for name, number in config.people().items() for one in each]
 
-    After an interrupt, of which `progress` tells, only controllers whose loops were all closed are among the findings.
-    """
-    began, interrupted = time.monotonic(), False
-    arms: list[dict[str, Any]] = []
-    guarding: list[dict[str, Any]] = []
-    try:
-        for part in run_campaign(config, progress) if config.nonsense is None else run_nonsense(config, progress):
-            arms.append(part["arm"])
-            guarding += [part["guarding"]] if "guarding" in part else []
-    except KeyboardInterrupt:
-        interrupted = True
-    promises = PROMISES if config.nonsense is None else OF_CONTROLLER
-    violations = {promise: sum(arm["broken"][promise] for arm in arms) for promise in promises}
-    if config.nonsense is None:
-        violations[SAME_BITS] = sum(len(arm["not_repeated"]) for arm in arms)
-    plain = {
-        "seed": config.seed,
-        "loops": sum(arm["loops"] for arm in arms),
-        "samples": sum(arm["samples"] for arm in arms),
-        "seconds": time.monotonic() - began,
-        "interrupted": interrupted,
-        "holds": not any(violations.values()),
-        "violations": violations,
-        "arms": arms,
-    }
-    if config.nonsense is None:
-        plain["guarding"] = guarding
-        if config.person is not None:
-            circumstances = {
-                name: circumstances_of(name, config.seed, config.person, config.patient) for name in config.people()
-            }
-            plain["meets"] = circumstances
-    return Results(plain)
+
+def rows(config: Verification) -> Rows[_Part]:
+    """Rows that are kept: the loops of each controller with a guard, and of each without."""
+    arms, form = _arms_of(config), _Arm if config.nonsense is None else _NonsenseArm
+
+    def row(cells: Mapping[str, Any], before: Sequence[_Part]) -> _Part:
+        if len(before) == len(arms):
+            raise Refusal("it has more rows than the verification")
+        result = checked(dict[str, dict[str, Any]], json_value(cells["result"].encode()))
+        arm, expected = result.get("arm", {}), arms[len(before)]
+        checked(form, arm)
+        if expected.get("guarded"):
+            checked(_Guarding, result.get("guarding"))
+        if any(arm[name] != value for name, value in expected.items()):
+            raise Refusal("these are not the next loops of the verification")
+        return _Part(result, cells["seconds"])
+
+    return Rows(
+        file=VERIFY.results,
+        what="parts",
+        wanted=len(arms),
+        most=_MAX_PARTS,
+        schema={"result": pl.String, "seconds": pl.Float64},
+        cells=lambda part: {"result": json.dumps(part.result, allow_nan=False), "seconds": part.seconds},
+        row=row,
+        longest_text=_LONGEST_TEXT,
+        unit="loops",
+        work=lambda number: arms[number]["loops"],
+        counted_within=True,
+    )
+
+
+def search(config: Verification) -> _Campaign:
+    """The loops of the campaign, or of the nonsense test."""
+    return _Campaign(config)
+
+
+class _Campaign:
+    """The parts of a verification, one after the other."""
+
+    def __init__(self, config: Verification) -> None:
+        self._config = config
+
+    def missing(self, parts: Sequence[_Part], progress: Callable[[int], None]) -> Iterator[_Part]:
+        """Close the loops of the parts that follow; `progress` is called with each number of loops that are done."""
+        config, began = self._config, time.monotonic()
+        run = run_campaign if config.nonsense is None else run_nonsense
+        for result in run(config, progress, len(parts)):
+            yield _Part(result, time.monotonic() - began)
+            began = time.monotonic()
+
+    def results_of(self, parts: Sequence[_Part]) -> Results:
+        """Count in how many loops each promise was broken; of an interrupted one, in those of the first parts."""
+        config = self._config
+        arms = [part.result["arm"] for part in parts]
+        promises = PROMISES if config.nonsense is None else OF_CONTROLLER
+        violations = {promise: sum(arm["broken"][promise] for arm in arms) for promise in promises}
+        if config.nonsense is None:
+            violations[SAME_BITS] = sum(len(arm["not_repeated"]) for arm in arms)
+        plain = {
+            "seed": config.seed,
+            "loops": sum(arm["loops"] for arm in arms),
+            "samples": sum(arm["samples"] for arm in arms),
+            "seconds": sum(part.seconds for part in parts),
+            "interrupted": len(parts) < len(_arms_of(config)),
+            "holds": not any(violations.values()),
+            "violations": violations,
+            "arms": arms,
+        }
+        if config.nonsense is None:
+            plain["guarding"] = [part.result["guarding"] for part in parts if "guarding" in part.result]
+            if config.person is not None:
+                plain["meets"] = {
+                    name: circumstances_of(name, config.seed, config.person, config.patient) for name in config.people()
+                }
+        return Results(plain)
+
+
+def files_of(config: Verification, results: Results) -> dict[str, bytes]:
+    """No page and no figure."""
+    del config, results
+    return {}
 
 
 _effect = functools.partial(Column, only=lambda row: "better" in row)
