@@ -144,7 +144,7 @@ class _Doses(NamedTuple):
     """Insulin over a time [U], and that time [min]."""
     long_acting: Any = None
     named: str | None = None
-    """What it is in words, where nobody gets its insulin."""
+    """Words for an entry whose insulin nobody gets."""
 
 
 def _is_deleted(item: dict[str, Any]) -> bool:

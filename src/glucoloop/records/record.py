@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 from collections.abc import Mapping, Sequence
@@ -144,13 +143,12 @@ def _table(data: bytes) -> pl.DataFrame:
     try:
         return read_table(data, _BOUNDS, COLUMNS)
     except Refusal as error:
-        with contextlib.suppress(Refusal):
-            earlier = read_table(data, _BOUNDS, {name: form for name, form in COLUMNS.items() if name not in _LATER})
-            return earlier.select(
-                pl.col(name) if name in earlier.columns else pl.lit(None, kind).alias(name)
-                for name, kind in SCHEMA.items()
-            )
-        raise error from None
+        if not error.problem.startswith("its columns are"):
+            raise
+    earlier = read_table(data, _BOUNDS, {name: form for name, form in COLUMNS.items() if name not in _LATER})
+    return earlier.select(
+        pl.col(name) if name in earlier.columns else pl.lit(None, kind).alias(name) for name, kind in SCHEMA.items()
+    )
 
 
 def read_record(

@@ -120,7 +120,7 @@ def _source(item: dict[str, Any]) -> str | None:
 
 
 def _named(item: dict[str, Any]) -> str | None:
-    """What a datum is in words, where its insulin is no dose."""
+    """Words for a datum whose insulin is no dose; None for others."""
     if item.get("type") == "deviceEvent":
         kind = item.get("subType")
         if kind == "prime":

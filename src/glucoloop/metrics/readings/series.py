@@ -251,7 +251,7 @@ def _weights_min(t_min: Floats) -> Floats | None:
             return None
     before, after = _least_steps(steps[::-1])[::-1], _least_steps(steps)
     nearer = np.abs(np.log(steps / before)) <= np.abs(np.log(steps / after))
-    local = np.where(nearer, before, after)
+    local = _alike(np.where(nearer, before, after), usual)
     weights = np.where(steps >= _EARLY * local, local, steps)
     result = np.append(weights, weights[-1])
     return None if np.count_nonzero(result != np.median(result)) <= _AROUND else result
@@ -261,3 +261,13 @@ def _least_steps(steps: Floats) -> Floats:
     """Second least of each step and those after it, in whole minutes."""
     near = np.lib.stride_tricks.sliding_window_view(np.pad(steps, (0, _AROUND), mode="reflect"), _AROUND + 1)
     return np.minimum(np.maximum(1.0, np.rint(np.partition(near, 1, axis=-1)[:, 1])), LONGEST_FILLED_MIN)
+
+
+def _alike(steps: Floats, usual: float) -> Floats:
+    """Steps of which those that are alike are one: the usual one, and the median of the others."""
+    result = np.where(np.abs(steps / usual - 1.0) <= 1.0 - _EARLY, usual, steps)
+    others = result[result != usual]
+    if others.size:
+        second = round(float(np.median(others)))
+        result = np.where((result != usual) & (np.abs(result / second - 1.0) <= 1.0 - _EARLY), second, result)
+    return np.minimum(result, LONGEST_FILLED_MIN)
