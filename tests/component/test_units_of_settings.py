@@ -47,7 +47,7 @@ def test_a_number_is_the_same_in_each_unit_in_texts_and_in_files(name, data):
     of_file = given_values({setting.name: text}, "a.toml")
     for tree in (typed, short, of_file):
         made = read(part, tree)
-        [(found, number)] = made.given.items()
+        [(found, number)] = made.explicit.items()
         assert found == name
         assert math.isclose(getattr(made, name), value, rel_tol=1e-14)
         assert type(getattr(made, name)) is float

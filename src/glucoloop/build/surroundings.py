@@ -52,10 +52,12 @@ def _chain(situation: Situation, parts: Iterable[SensorComponent]) -> Sensor:
     sensor: Sensor = IdealSensor(site=site)
     for place, part in enumerate(part for part in parts if not isinstance(part, IdealSensor)):
         if place and not part.takes("inner"):
-            raise Refusal(f"the sensor {part.called} has no other one inside; give it first, as the innermost")
+            raise Refusal(f"the sensor {part.display_name} has no other one inside; give it first, as the innermost")
         sensor = part.made(site=site, inner=sensor, sample_time_min=situation.sample_time_min)
         if site is not None and site_of(sensor) != site:
-            raise Refusal(f"the sensor {part.called} does not read glucose at the site {site!r}; leave the site out")
+            raise Refusal(
+                f"the sensor {part.display_name} does not read glucose at the site {site!r}; leave the site out"
+            )
     return sensor
 
 

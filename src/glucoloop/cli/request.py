@@ -185,7 +185,7 @@ def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
     if any(plain(part.get(NAME)) == name for part in chain):
         return [{**part, **settings} if plain(part.get(NAME)) == name else part for part in chain]
     [leaf] = settings.values()
-    new = {NAME: GivenValue(name, leaf.where), **settings}
+    new = {NAME: GivenValue(name, leaf.source), **settings}
     late = bool(chain) and name != "dead-time" and plain(chain[-1].get(NAME)) == "dead-time"
     return [*chain[:-1], new, chain[-1]] if late else [*chain, new]
 
@@ -210,7 +210,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 
     def in_folder(leaf: Any) -> Any:
         is_text = isinstance(plain(leaf), str)
-        return GivenValue(str(path.parent / leaf.value), leaf.where, text=False) if is_text else leaf
+        return GivenValue(str(path.parent / leaf.value), leaf.source, text=False) if is_text else leaf
 
     results = dict(tree)
     if "data" in results:
@@ -223,7 +223,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 
         model = results["model"]
         if isinstance(plain(model), str) and plain(model) != NONE:
-            model = MODELS.tree(model.value, model.where)
+            model = MODELS.tree(model.value, model.source)
         if isinstance(model, Mapping) and "path" in model:
             model = {**model, "path": in_folder(model["path"])}
         results["model"] = model

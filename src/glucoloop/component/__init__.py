@@ -5,6 +5,17 @@ Here is what a part is; the parts themselves are declared beside what they make,
 
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, derived, derived_static, wired
 from glucoloop.component.ranges import Tuned
-from glucoloop.component.setting import About, Default, usual
+from glucoloop.component.setting import About, Default, default_by_noise
 
-__all__ = ["DATA", "HOST", "STATIC", "About", "Default", "Tuned", "derived", "derived_static", "usual", "wired"]
+__all__ = [
+    "DATA",
+    "HOST",
+    "STATIC",
+    "About",
+    "Default",
+    "Tuned",
+    "default_by_noise",
+    "derived",
+    "derived_static",
+    "wired",
+]

@@ -23,7 +23,15 @@ from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 from glucoloop.component.code import loaded
 from glucoloop.component.effects import Need
 from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
-from glucoloop.component.setting import ALL_SETTINGS, Default, Setting, WithUnit, declared_setting, known_names, usual
+from glucoloop.component.setting import (
+    ALL_SETTINGS,
+    Default,
+    Setting,
+    WithUnit,
+    declared_setting,
+    default_by_noise,
+    known_names,
+)
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import Quantity
 
@@ -31,10 +39,10 @@ _SCALARS: Final = (int, float, str, bool)
 P = TypeVar("P", bound="Component")
 WIRING: Final = "wiring"
 """Metadata of a field that is no setting: what an object is connected to, or told of the loop around it."""
-_RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", "sources", NONE)
+_RESERVED: Final = (NAME, "label", "explicit", "source", "display_name", "kind", "default", "sources", NONE)
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(usual, dataclasses.field))
+@dataclass_transform(frozen_default=True, field_specifiers=(default_by_noise, dataclasses.field))
 class Component:
     """Something that a user names, with settings. Making one checks them.
 
@@ -58,12 +66,12 @@ class Component:
     """Plausible range of numbers whose settings declare none."""
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
-    given: ClassVar[Mapping[str, Any]] = {}
-    """The settings that were given, of each part; the class has none."""
-    where: ClassVar[str] = ""
-    """Option or file in which each part stood; empty for one that was made in Python."""
-    called: ClassVar[str] = ""
-    """Name by which each part was asked for, ``module:Class`` for one that no package has entered."""
+    explicit: ClassVar[Mapping[str, Any]] = {}
+    """Settings that were given explicitly, of each object; the class has none."""
+    source: ClassVar[str] = ""
+    """Option or file in which each object stood; empty for one that was made in Python."""
+    display_name: ClassVar[str] = ""
+    """Name under which each object was requested, ``module:Class`` for one that no package has entered."""
 
     if typing.TYPE_CHECKING:
 
@@ -114,7 +122,7 @@ class Component:
         return {}
 
     @classmethod
-    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+    def defaults_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
         """Default settings for a route of insulin, where they differ from the defaults."""
         return {}
 
@@ -132,14 +140,14 @@ class Component:
         return result
 
     @classmethod
-    def partial(cls, given: Mapping[str, Any], where: str = "", display_name: str = "") -> Self:
-        """The part with some settings given and the others to be completed; settings are not compared before.
+    def partial(cls, explicit: Mapping[str, Any], source: str = "", display_name: str = "") -> Self:
+        """The component with some explicit settings and the others to be completed, before which none are compared.
 
-        An unknown setting, and a value of another type or out of its bounds, are refused. `where` is the option or file
-        in which the part stood, and `asked` the name by which it was asked for, if that is not its own.
+        An unknown setting, and a value of another type or out of its bounds, are refused. `source` is the option or
+        file in which the component stood, and `display_name` the name under which it was requested, if not its own.
         """
         made = object.__new__(cls)
-        values = {name: cls.setting(name).check(value, where) for name, value in given.items()}
+        values = {name: cls.setting(name).check(value, source) for name, value in explicit.items()}
         for name, setting in cls.settings().items():
             object.__setattr__(made, name, _bare(values.get(name, setting.default.noise_free)))
         for field in dataclasses.fields(typing.cast(Any, cls)):
@@ -147,28 +155,28 @@ class Component:
                 object.__setattr__(made, field.name, field.default)
             elif WIRING in field.metadata and field.default_factory is not dataclasses.MISSING:
                 object.__setattr__(made, field.name, field.default_factory())
-        return made._noted(values, where, display_name)
+        return made._noted(values, source, display_name)
 
-    def _noted(self, given: Mapping[str, Any], where: str, name: str) -> Self:
-        for key, value in (("given", given), ("where", where), ("called", name or self.name)):
+    def _noted(self, explicit: Mapping[str, Any], source: str, name: str) -> Self:
+        for key, value in (("explicit", explicit), ("source", source), ("display_name", name or self.name)):
             object.__setattr__(self, key, value)
         return self
 
-    def completed(self, usual: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
+    def completed(self, defaults: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
         """The part with a value for every setting: for those that were not given, the default one or the default.
 
         Usual ones are values, or a `Default` that depends on noise. Settings that are at odds with one another are
         refused.
         """
-        values = dict(self.given)
+        values = dict(self.explicit)
         for name, setting in self.settings().items():
-            value = (usual or {}).get(name, setting.default)
+            value = (defaults or {}).get(name, setting.default)
             values.setdefault(name, value.value(noisy=noisy) if isinstance(value, Default) else value)
         try:
             whole = type(self)(**values)
         except Refusal as error:
-            raise error.within(self.where) from None
-        return whole._noted(self.given, self.where, self.called)
+            raise error.within(self.source) from None
+        return whole._noted(self.explicit, self.source, self.display_name)
 
     def uses(self) -> frozenset[Need]:
         """Needs that the part meets, for settings of the request or of its own."""
@@ -184,8 +192,8 @@ class Component:
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values, the same for TOML and JSON; with `whole` every setting."""
-        result: Tree = {NAME: self.called} if self.called else {}
-        for name, value in (self.values() if whole else self.given).items():
+        result: Tree = {NAME: self.display_name} if self.display_name else {}
+        for name, value in (self.values() if whole else self.explicit).items():
             if name not in self.refused:
                 left_out = value is None and not whole and self.setting(name).is_part
                 result[name] = NONE if left_out else _plain(value, whole)
@@ -299,11 +307,11 @@ def _connected(part: type[Component], name: str, value: Any) -> Any:
     return converted(name, value, typing.get_type_hints(part)[name], part.__name__)
 
 
-def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, where: str | None = None) -> P:
+def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, source: str | None = None) -> P:
     """A part from a tree of given values, of which some may be texts; parts in it are read by their catalogues.
 
-    Values that are possible and implausible are taken only with `allow_unusual`. `where` is the option or file in which
-    the part stands, by default that of its first value.
+    Values that are possible and implausible are taken only with `allow_unusual`. `source` is the option or file in
+    which the part stands, by default that of its first value.
     """
     values: dict[str, Any] = {}
     places: dict[str, str] = {}
@@ -324,14 +332,14 @@ def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, 
         if setting.is_part:
             values[key] = _parts(setting, leaf, allow_unusual)
             continue
-        value, called = _value(setting, leaf), ": ".join(filter(None, (at, part.name if NAME in tree else "")))
+        value, label = _value(setting, leaf), ": ".join(filter(None, (at, part.name if NAME in tree else "")))
         first = leaf[0] if isinstance(leaf, list) and leaf else leaf
         if isinstance(first, GivenValue) and first.by_option:
-            setting, called = setting.renamed(at), ""
-        values[key] = setting.check(value, called)
+            setting, label = setting.renamed(at), ""
+        values[key] = setting.check(value, label)
         if not allow_unusual:
-            setting.refuse_unusual(values[key], ": ".join(filter(None, (called, setting.name))), part.any_number)
-    return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
+            setting.refuse_unusual(values[key], ": ".join(filter(None, (label, setting.name))), part.any_number)
+    return part.partial(values, place(tree) if source is None else source, plain(tree.get(NAME, "")))
 
 
 def _value(setting: Setting, leaf: Any) -> Any:

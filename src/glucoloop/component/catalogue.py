@@ -53,7 +53,7 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
     example : str
         Text of a part, for messages.
     unnamed : bool
-        Whether a text or a table without a name is one of the usual part.
+        Whether a text or a table without a name is one of the default component.
     """
 
     def __init__(self, base: type[P], places: Mapping[str, str], *, example: str, unnamed: bool = False) -> None:
@@ -77,8 +77,8 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
         return name in self._places
 
     @property
-    def usual(self) -> str:
-        """Name of the part that is usual."""
+    def default(self) -> str:
+        """Name of the default component."""
         return next(iter(self))
 
     def names(self) -> list[str]:
@@ -102,28 +102,28 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
         """A part from its text, with its defaults for the settings that it does not give."""
         return self.parse(text).completed()
 
-    def parse(self, text: str, where: str = "") -> P:
+    def parse(self, text: str, source: str = "") -> P:
         """A part from its text; what it does not give is left to be completed."""
-        return self.read(self.tree(text, where))
+        return self.read(self.tree(text, source))
 
-    def tree(self, text: str, where: str = "") -> Tree:
+    def tree(self, text: str, source: str = "") -> Tree:
         """Tree of a part from its text."""
-        return part_tree(text, where, self.example)
+        return part_tree(text, source, self.example)
 
     def read(self, tree: Any, *, allow_unusual: bool = True) -> P:
         """A part from its tree, or from its text as a leaf of one; `allow_unusual` as for `part.read`."""
         tree = as_table(tree, self.tree)
-        where = place(tree)
+        source = place(tree)
         try:
             if not isinstance(tree, Mapping):
                 raise Refusal(f"{plain(tree)!r} is no {self._base.kind}; give a text like {self.example!r}, or a table")
-            name = plain(tree.get(NAME, self.usual if self.unnamed else None))
+            name = plain(tree.get(NAME, self.default if self.unnamed else None))
             if not isinstance(name, str) or not name:
                 given = f"no {self._base.kind} is named" if name is None else f"{name!r} names no {self._base.kind}"
                 raise Refusal(f"{given}; begin with its name, like {self.example!r}")
             part = self.find(name)
         except Refusal as error:
-            raise error.within(where) from None
+            raise error.within(source) from None
         return read(part, tree, allow_unusual=allow_unusual)
 
 

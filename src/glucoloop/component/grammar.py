@@ -31,43 +31,43 @@ class GivenValue:
     """A value as it was given, and the option or file in which it stood."""
 
     value: object
-    where: str
+    source: str
     text: bool = True
     """Whether it is a text of the command line, which the type of its setting reads; otherwise it has its type."""
     by_option: bool = False
     """Whether messages call the value by its option, which gives this value alone."""
 
 
-def part_tree(text: str, where: str, example: str = "mpc, move_horizon=2") -> Tree:
+def part_tree(text: str, source: str, example: str = "mpc, move_horizon=2") -> Tree:
     """Tree of a part from its text; Refusal for a text that is no part, or a setting that is given twice."""
     tree: Tree = {}
     if not text.strip():
         return tree
-    before = f"{where}: " if where else ""
+    before = f"{source}: " if source else ""
     for number, item in enumerate(_pieces(text, before)):
         key, is_setting, value = (piece.strip() for piece in item.partition("="))
         if not is_setting and number == 0 and key:
-            tree[NAME] = GivenValue(_unquoted(key), where)
+            tree[NAME] = GivenValue(_unquoted(key), source)
         elif not is_setting or not key.isidentifier() or not value:
             raise Refusal(
-                f"{where}: {item.strip()!r} in {text!r} is no setting with a value; write it like {example!r}"
+                f"{source}: {item.strip()!r} in {text!r} is no setting with a value; write it like {example!r}"
             )
         elif key in tree:
             raise Refusal(f"{before}{key} is given twice in {text!r}; leave one out")
         elif value[0] == "(" and value[-1] == ")":
-            tree[key] = part_tree(value[1:-1], where, example)
+            tree[key] = part_tree(value[1:-1], source, example)
         elif value[0] == "[" and value[-1] == "]":
-            tree[key] = _listed(value[1:-1], where, example)
+            tree[key] = _listed(value[1:-1], source, example)
         else:
-            tree[key] = GivenValue(_unquoted(value), where)
+            tree[key] = GivenValue(_unquoted(value), source)
     return tree
 
 
-def _listed(text: str, where: str, example: str) -> list[Any]:
+def _listed(text: str, source: str, example: str) -> list[Any]:
     """Items of a list from the text between its brackets."""
-    items = [piece.strip() for piece in _pieces(text, f"{where}: " if where else "")] if text.strip() else []
+    items = [piece.strip() for piece in _pieces(text, f"{source}: " if source else "")] if text.strip() else []
     return [
-        part_tree(item[1:-1], where, example) if item[:1] == "(" else GivenValue(_unquoted(item), where)
+        part_tree(item[1:-1], source, example) if item[:1] == "(" else GivenValue(_unquoted(item), source)
         for item in items
     ]
 
@@ -116,13 +116,13 @@ def _value_text(value: Any) -> str:
     return text if _BARE.fullmatch(text) and text == text.strip() else f"{quote}{text}{quote}"
 
 
-def given(plain: Any, where: str) -> Any:
+def given(plain: Any, source: str) -> Any:
     """Plain values of a file, each with the place in which it stands."""
     if isinstance(plain, Mapping):
-        return {str(key): given(value, where) for key, value in plain.items()}
+        return {str(key): given(value, source) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
-        return [given(value, where) for value in plain]
-    return GivenValue(plain, where, text=False)
+        return [given(value, source) for value in plain]
+    return GivenValue(plain, source, text=False)
 
 
 def plain(tree: Any) -> Any:
@@ -137,7 +137,7 @@ def plain(tree: Any) -> Any:
 def place(tree: Any) -> str:
     """Option or file in which the first value of a tree stood."""
     if isinstance(tree, GivenValue):
-        return tree.where
+        return tree.source
     inner = tree.values() if isinstance(tree, Mapping) else tree if isinstance(tree, list) else ()
     return next(filter(None, map(place, inner)), "")
 
@@ -156,7 +156,7 @@ def over(lower: Any, upper: Any) -> Any:
     return {**there, **{key: over(there.get(key), value) for key, value in upper.items()}}
 
 
-def put(tree: Tree, path: str, value: str, where: str) -> Tree:
+def put(tree: Tree, path: str, value: str, source: str) -> Tree:
     """A tree with one setting by its path: ``controller.move_weight``, ``sensor.lag.lag_min``, ``faults.2.start_min``.
 
     In a list a part is found by its label, its name, or its place from 1; where there is only one, it needs none.
@@ -164,20 +164,20 @@ def put(tree: Tree, path: str, value: str, where: str) -> Tree:
     """
     first, _, rest = path.partition(".")
     if rest.count(".") > _DEEPEST:
-        raise Refusal(f"{where}: {shown(path)} is longer than any path to a setting")
+        raise Refusal(f"{source}: {shown(path)} is longer than any path to a setting")
     if not rest:
-        return {**tree, **part_tree(f"{first}={value}", where)}
+        return {**tree, **part_tree(f"{first}={value}", source)}
     inner = _changed(tree.get(first, {}))
     if not isinstance(inner, list):
         if not isinstance(inner, Mapping):
-            raise Refusal(f"{where}: {first} is {plain(inner)!r} and no part, so it has no setting {rest!r}")
-        return {**tree, first: put(dict(inner), rest, value, where)}
+            raise Refusal(f"{source}: {first} is {plain(inner)!r} and no part, so it has no setting {rest!r}")
+        return {**tree, first: put(dict(inner), rest, value, source)}
     tables = as_tables(inner, first)
-    at, rest = _place_of(tables, first, rest, where)
-    return {**tree, first: [put(one, rest, value, where) if i == at else one for i, one in enumerate(tables)]}
+    at, rest = _place_of(tables, first, rest, source)
+    return {**tree, first: [put(one, rest, value, source) if i == at else one for i, one in enumerate(tables)]}
 
 
-def _place_of(tables: list[Any], setting: str, path: str, where: str) -> tuple[int, str]:
+def _place_of(tables: list[Any], setting: str, path: str, source: str) -> tuple[int, str]:
     """Place of a part in the list of a setting, and the path within it."""
     which, _, rest = path.partition(".")
     names = [str(plain(table.get("label", table.get(NAME, "")))) for table in tables]
@@ -190,7 +190,7 @@ def _place_of(tables: list[Any], setting: str, path: str, where: str) -> tuple[i
     advice = known_names(which, names)
     if names.count(which) > 1:
         advice = f"there are {names.count(which)} of that name; name one by its place, like {setting}.1"
-    raise Refusal(f"{where}: {setting} has no {which!r}; {advice}")
+    raise Refusal(f"{source}: {setting} has no {which!r}; {advice}")
 
 
 def _changed(leaf: Any) -> Any:
@@ -201,7 +201,7 @@ def _changed(leaf: Any) -> Any:
 def as_table(leaf: Any, tree_of: Callable[[str, str], Tree] = part_tree) -> Any:
     """A part of a tree as a table, also where it stands as a text."""
     if isinstance(leaf, GivenValue) and isinstance(leaf.value, str):
-        return tree_of(leaf.value, leaf.where)
+        return tree_of(leaf.value, leaf.source)
     return leaf
 
 

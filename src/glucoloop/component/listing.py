@@ -69,7 +69,7 @@ def _setting(part: type[Component], setting: Setting) -> dict[str, Any]:
         possible = "true or false" if setting.kind is bool else "a text"
     if setting.default.noisy is not None:
         usual["with noise"] = setting.default.noisy
-    subcutaneous = part.usual_of_route(SUBCUTANEOUS)
+    subcutaneous = part.defaults_of_route(SUBCUTANEOUS)
     if setting.name in subcutaneous:
         usual["under the skin"] = subcutaneous[setting.name]
     return {

@@ -114,7 +114,7 @@ Tunings = Mapping[str, Mapping[str, Default]]
 """Default values of settings for a patient, by controller and setting, where they differ from the controller's own."""
 
 
-def usual(*, default: Any, noisy: Any) -> Any:
+def default_by_noise(*, default: Any, noisy: Any) -> Any:
     """Default of a field of a part, which may differ with noisy readings."""
     return dataclasses.field(default=default, metadata={"noisy": noisy})
 
@@ -230,10 +230,10 @@ class Setting:
             meant = "" if likeness is None else f"; {likeness}"
         return f"{self.name} is {amount}; give {mend}{meant}"
 
-    def check(self, value: object, called: str = "") -> Any:
+    def check(self, value: object, label: str = "") -> Any:
         """A value in the type of the setting; refused if it is of another type, out of the bounds, or no choice.
 
-        `called` is what the user called the part or the option.
+        `label` is the name of the component or the option in the message.
         """
         if value is None and self.optional:
             wrong = None
@@ -249,7 +249,7 @@ class Setting:
             except Refusal as error:
                 wrong = f"{self.name} is {shown(value)}; {error}"
         if wrong is not None:
-            raise Refusal(f"{called}: {wrong}" if called else wrong)
+            raise Refusal(f"{label}: {wrong}" if label else wrong)
         if self.many and value is not None:
             return tuple(map(self._typed, typing.cast(Iterable[Any], value)))
         return self._typed(value)
@@ -258,13 +258,13 @@ class Setting:
         is_number = self.kind is float and isinstance(value, int | float)
         return float(value) if is_number and not isinstance(value, WithUnit) else value
 
-    def refuse_unusual(self, value: object, called: str, otherwise: Quantity | None = None) -> None:
+    def refuse_unusual(self, value: object, label: str, otherwise: Quantity | None = None) -> None:
         """Refuse a value that is possible and implausible; `otherwise` is the quantity of a number that has none."""
         quantity = self.about.quantity or (otherwise if self.kind in (int, float) else None)
         if quantity is not None and value is not None:
             for number in value if isinstance(value, tuple | list) else (value,):
                 others = () if isinstance(number, WithUnit) else quantity.others
-                refuse_unusual(float(number), dataclasses.replace(quantity, others=others), called, CONFIRM_OPTION)
+                refuse_unusual(float(number), dataclasses.replace(quantity, others=others), label, CONFIRM_OPTION)
 
 
 def _bound(value: float) -> str:

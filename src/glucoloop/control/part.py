@@ -126,7 +126,7 @@ class ControllerComponent(PytreeComponent):
                 object.__setattr__(self, name, getattr(self, name).completed())
 
     @classmethod
-    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+    def defaults_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
         """Default settings for a route of insulin, where they differ from the defaults, for readings without noise."""
         return {name: usual.noise_free for name, usual in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
 

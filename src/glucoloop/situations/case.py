@@ -79,7 +79,7 @@ class Case(Component):
             from glucoloop.control.pace import samples_of_pace
 
             samples_of_pace(self.every_min, situation.sample_time_min)
-        guard = self.guard if "guard" in self.given else guard
+        guard = self.guard if "guard" in self.explicit else guard
         model = self.model if self.model is not None else model
         if isinstance(model, IdentifiedComponent) or (model is None and controller.uses_model):
             usual = patient.identification(pace_min)
@@ -97,7 +97,7 @@ class Case(Component):
             every_min=self.every_min,
             faults=tuple(fault.completed() for fault in self.faults),
         )
-        return whole._noted(self.given, self.where, self.called)
+        return whole._noted(self.explicit, self.source, self.display_name)
 
     def tree(self, *, whole: bool = False) -> Tree:
         """The controller, with what else is of the case among its settings."""
@@ -130,9 +130,9 @@ def _beside() -> Mapping[str, str]:
 class _Cases:
     """Reader of cases, of which a part's settings are shared between the controller and the case."""
 
-    def tree(self, text: str, where: str = "") -> Tree:
+    def tree(self, text: str, source: str = "") -> Tree:
         """Tree of a case from its text."""
-        return CONTROLLERS.tree(text, where)
+        return CONTROLLERS.tree(text, source)
 
     def read(self, tree: Any, *, allow_unusual: bool = True) -> Case:
         """A case from its tree, or from its text as a leaf of one."""
@@ -147,11 +147,11 @@ class _Cases:
         for name in _beside().values():
             if name in designed.settings():
                 raise Refusal(
-                    f"the controller {designed.called} has a setting {name!r}, which every case has already; its "
+                    f"the controller {designed.display_name} has a setting {name!r}, which every case has already; its "
                     "author has to give it another name"
                 )
         case = read(Case, of_case, allow_unusual=allow_unusual)
-        return Case.partial({**case.given, "controller": designed}, place(tree))
+        return Case.partial({**case.explicit, "controller": designed}, place(tree))
 
 
 Case.catalogue = _Cases()  # type: ignore[attr-defined]

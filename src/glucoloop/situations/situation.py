@@ -189,9 +189,9 @@ class Situation(Component):
         PumpComponent,
         _sensor(
             "Pump: limited, resolution or expiring, with its limits; by default those usual for the patient.",
-            default=PUMPS.usual,
+            default=PUMPS.default,
         ),
-    ] = PUMPS[PUMPS.usual].partial({})
+    ] = PUMPS[PUMPS.default].partial({})
     faults: Annotated[
         tuple[FaultComponent, ...],
         _sensor(
@@ -252,19 +252,20 @@ class Situation(Component):
             )
         if self.profile_by == "titration" and not self.patient.subcutaneous:
             raise Refusal(
-                f"{self.patient.called} gets intravenous insulin, where a bolus acts for minutes and no carbohydrate "
-                "ratio is right; leave profile_by out, or choose a patient with subcutaneous insulin"
+                f"{self.patient.display_name} gets intravenous insulin, where a bolus acts for minutes and no "
+                "carbohydrate ratio is right; leave profile_by out, or choose a patient with subcutaneous insulin"
             )
         meal_model_of(self.nominal, self.gut)
         refuse_minute_inputs(
             self.nominal,
             PeopleMinuteInputs(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]).of(slice(1)),
-            self.patient.called,
+            self.patient.display_name,
         )
         known = sites(self.nominal)
         if self.site is not None and self.site not in known:
             raise Refusal(
-                f"glucose of {self.patient.called} cannot be read at the site {self.site!r}; give {' or '.join(known)}"
+                f"glucose of {self.patient.display_name} cannot be read at the site {self.site!r}; "
+                f"give {' or '.join(known)}"
             )
         if any(isinstance(part, IdealSensor) for part in self.sensor[1:]):
             raise Refusal("an ideal sensor is the innermost of a chain; give it first, or leave it out")
@@ -279,7 +280,7 @@ class Situation(Component):
     @property
     def by_chance(self) -> bool:
         """Whether anything of the situation may be drawn at random."""
-        plain = type(self.pump) is PUMPS[PUMPS.usual]
+        plain = type(self.pump) is PUMPS[PUMPS.default]
         return self.noisy or self.drawn_otherwise or bool(self.rhythm) or self.patient.person is not None or not plain
 
     def refuse_unusual_pump(self) -> None:
@@ -416,16 +417,16 @@ class Situation(Component):
         from glucoloop.situations.population import person_of
 
         text = self.patient.person
-        return None if text is None else person_of(text, self.patient.called, self.seed)
+        return None if text is None else person_of(text, self.patient.display_name, self.seed)
 
     @functools.cached_property
     def _alone(self) -> tuple[Patient, Profile]:
         """The one person at the glucose of the operating point, or the nominal patient; with the profile."""
         from glucoloop.patients.population import alone, nominal_profile
 
-        nominal = _nominal(self.patient.called, self.patient.rests_at)
+        nominal = _nominal(self.patient.display_name, self.patient.rests_at)
         if self.one_person is None:
-            return nominal, nominal_profile(self.patient.called, nominal)
+            return nominal, nominal_profile(self.patient.display_name, nominal)
         return alone(self.one_person, float(nominal.setpoint_mg_dl))
 
     @property

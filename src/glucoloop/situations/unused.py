@@ -26,7 +26,7 @@ def without_effect(
     """
     all_uses = request.uses() if uses is None else uses
     cases = () if uses is not None or "controller" in request.refused else getattr(request, "cases", ())
-    controllers = list(dict.fromkeys(case.controller.called for case in cases))
+    controllers = list(dict.fromkeys(case.controller.display_name for case in cases))
     notes = (
         f"{name} has {need.effect}: {_reason(need, controllers)}." for name, need in _unused(request, all_uses, named)
     )
@@ -37,7 +37,7 @@ def _unused(
     part: Component, uses: frozenset[Need], named: Callable[[Setting], str] | None = None
 ) -> Iterator[tuple[str, Need]]:
     """Names of settings that were given of a part without effect, or of parts among them, with what each lacks."""
-    for name, value in part.given.items():
+    for name, value in part.explicit.items():
         setting = type(part).settings()[name]
         items = value if isinstance(value, tuple | list) else (value,)
         lacking = _first_lacking(setting.about.needs, uses)
@@ -57,7 +57,7 @@ def _first_lacking(needs: tuple[Need, ...], uses: frozenset[Need]) -> Need | Non
 
 
 def _called(part: Component) -> str:
-    return f"{part.kind} {part.called or part.name}".rstrip()
+    return f"{part.kind} {part.display_name or part.name}".rstrip()
 
 
 def _reason(need: Need, controllers: list[str]) -> str:

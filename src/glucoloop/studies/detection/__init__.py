@@ -93,13 +93,13 @@ class Detection(Trial):
             raise Refusal(f"--estimator names none; give one or more of {', '.join(ESTIMATORS)}")
         if len(self.tried) < len(self.estimators):
             raise Refusal(f"--estimator is {'; '.join(self.tried)}, one of them twice; leave one out")
-        if "estimator" in {**self.case.controller.given, **getattr(self.estimates_by, "given", {})}:
+        if "estimator" in {**self.case.controller.explicit, **getattr(self.estimates_by, "explicit", {})}:
             raise Refusal(
                 f"the controller {ESTIMATING} is tried with each of the estimators; leave its "
                 "estimator out, and name them by --estimator"
             )
         if self.estimates_by is not None and self.estimates_by.name != ESTIMATING:
-            raise Refusal(f"--estimates-by is {self.estimates_by.called}; give settings of {ESTIMATING}")
+            raise Refusal(f"--estimates-by is {self.estimates_by.display_name}; give settings of {ESTIMATING}")
         if self.people * self.number_of_days > _MAX_RUNS:
             raise Refusal(
                 f"{self.number_of_days} days of {self.people} people are too many; give at most {_MAX_RUNS} days in all"

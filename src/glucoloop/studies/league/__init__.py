@@ -122,7 +122,7 @@ class League(Component):
     @property
     def left_out(self) -> tuple[str, ...]:
         """Controllers of the catalogue that take no part because they are slow, unless others were asked for."""
-        return () if "controllers" in self.given else tuple(name for name, part in CONTROLLERS.items() if part.slow)
+        return () if "controllers" in self.explicit else tuple(name for name, part in CONTROLLERS.items() if part.slow)
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values; what is usual of a controller depends on the cell and is not among them."""
