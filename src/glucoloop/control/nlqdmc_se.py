@@ -13,7 +13,7 @@ from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.pytree_component import DATA, STATIC, wired
-from glucoloop.component.setting import usual
+from glucoloop.component.setting import default_by_noise
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import response_at_rest, suited
@@ -81,7 +81,7 @@ class NLQDMC(FilterTuning, name="nlqdmc-se"):
     heals: ClassVar[bool] = True
     """Whether a step leaves a finite state after any state, so that a guard need not check it."""
 
-    prediction_horizon: PredictionHorizon = usual(default=5, noisy=6)
+    prediction_horizon: PredictionHorizon = default_by_noise(default=5, noisy=6)
     reference_filter: ReferenceFilter = 0.57
     glucose_floor_mg_dl: FloorGlucose = 0.0
     floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
