@@ -315,7 +315,7 @@ def _known_dead_times(studies: Mapping[str, PointResults]) -> _Table:
             both = results.runs["mpc", dead_time], anew
             rows.append((point, dead_time, *(Reproduced.of(runs.metrics.undershoot_mg_dl).text for runs in both)))
     return _Table(
-        "Linear MPC told of its dead time in two ways: undershoot, mg/dl",
+        "Linear MPC with a known dead time, in two ways: undershoot, mg/dl",
         "The paper identifies a new model from delayed records. Two Laguerre functions cannot hold leading zeros, so "
         "such a model counts on a response that has not begun; shifting the model of the undelayed patient is nearer "
         "to the printed rows, and is what Table II above shows.",

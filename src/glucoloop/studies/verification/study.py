@@ -84,7 +84,7 @@ class _NonsenseArm:
 
 
 def notes(config: Verification) -> tuple[str, ...]:
-    """Sentence on boluses into a vein, where controllers were chosen."""
+    """Sentence on intravenous boluses, where controllers were chosen."""
     if config.nonsense is not None or not config.controllers:
         return ()
     chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in config.controllers)
@@ -96,7 +96,7 @@ class _Part:
     """Loops of one controller, with a guard or without, or at one sample time and precision of a nonsense test."""
 
     result: dict[str, Any]
-    """Its ``arm``, and of a guarded one ``guarding``, as `run_campaign` and `run_nonsense` yield them."""
+    """The ``arm``, and of a guarded one ``guarding``, as `run_campaign` and `run_nonsense` yield them."""
     seconds: float
 
 
