@@ -11,7 +11,6 @@ from glucoloop.component.pytree_component import wired as wired
 from glucoloop.component.ranges import Tuned as Tuned
 from glucoloop.component.setting import About as About
 from glucoloop.component.setting import Default as Default
-from glucoloop.component.setting import usual as usual
 from glucoloop.control.design_case import DesignCase as DesignCase
 from glucoloop.control.part import ControllerComponent as ControllerComponent
 from glucoloop.control.protocol import Controller as Controller

@@ -139,7 +139,7 @@ def test_a_file_and_options_are_the_same_as_options_at_once(tmp_path_factory, of
     assert both == at_once
     assert both.cases == at_once.cases
     assert both.tree() == at_once.tree()
-    assert both.given.keys() == at_once.given.keys()
+    assert both.explicit.keys() == at_once.explicit.keys()
 
 
 @given(options=several)
@@ -147,4 +147,4 @@ def test_options_are_those_of_python(options):
     found = asked("run", *typed(options), "--allow-unusual")
     again = request_from(Run, found.tree())
     assert again == found
-    assert Run(**{name: getattr(found, name) for name in found.given}) == found
+    assert Run(**{name: getattr(found, name) for name in found.explicit}) == found

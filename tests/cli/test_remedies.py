@@ -1,6 +1,7 @@
 """A refusal names no remedy that the command lacks: those of code that commands share are data, and are left out."""
 
 import ast
+import functools
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from glucoloop.cli.app import command_of, names
 from glucoloop.component.code import loaded
 from glucoloop.refusal import Refusal, options_named
 from glucoloop.studies.catalogue import STUDIES
+from naming import naming
 
 ROOT = Path(glucoloop.__file__).parent
 OPTIONS = {name: {"--help", *(option.flag for option in command_of(name).options)} for name in names()}
@@ -59,11 +61,15 @@ def text_of(node):
     )
 
 
+@functools.cache
 def refusals():
-    for file in sorted(ROOT.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Refusal" and node.args:
-                yield file, node
+    """Each place at which the code refuses something: the file, and the call."""
+    return [
+        (file, node)
+        for file in sorted(ROOT.rglob("*.py"))
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Refusal" and node.args
+    ]
 
 
 def test_what_a_refusal_says_in_any_case_names_only_options_that_each_command_has():
@@ -80,22 +86,18 @@ def test_what_a_refusal_says_in_any_case_names_only_options_that_each_command_ha
     assert seen > 30
 
 
-def remedies():
-    for file, call in refusals():
-        for remedy in call.args[1:]:
-            text = text_of(remedy)
-            if options_named(text):
-                yield pytest.param(text, id=f"{file.stem}-{call.lineno}")
-
-
-@pytest.mark.parametrize("text", list(remedies()))
-def test_a_remedy_is_told_by_the_commands_that_have_its_options_alone(text):
-    for command, options in OPTIONS.items():
-        told = Refusal("it is wrong", text, "leave it out").of_command(command, options)
-        assert options_named(told) <= options
-        assert (text in told) == (options_named(text) <= options)
-        assert told.startswith("it is wrong; ")
-        assert told.endswith("leave it out")
+def test_a_remedy_is_told_by_the_commands_that_have_its_options_alone():
+    remedies = {text_of(remedy): f"{file.stem}-{call.lineno}" for file, call in refusals() for remedy in call.args[1:]}
+    with_options = {text: place for text, place in remedies.items() if options_named(text)}
+    assert len(with_options) > 10
+    for text, place in with_options.items():
+        for command, options in OPTIONS.items():
+            with naming(place, text, command):
+                told = Refusal("it is wrong", text, "leave it out").of_command(command, options)
+                assert options_named(told) <= options
+                assert (text in told) == (options_named(text) <= options)
+                assert told.startswith("it is wrong; ")
+                assert told.endswith("leave it out")
 
 
 def test_a_refusal_without_any_remedy_that_the_command_has_says_so():

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue, catalogues
-from glucoloop.component.grammar import part_text, part_tree, plain
-from glucoloop.component.setting import About, Default, Setting, known_names, usual
+from glucoloop.component.grammar import component_text, component_tree, plain
+from glucoloop.component.setting import About, Default, Setting, default_by_noise, known_names
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import SETPOINT
 
@@ -26,7 +26,7 @@ class _Desk(_Lamp, name="desk"):
     """A lamp on a desk."""
 
     lit_min: Annotated[float, About("Time.", above=0.0, at_most=2880.0)] = 10.0
-    rate_mU_min: Annotated[float, About("Rate.", at_least=0.0)] = usual(default=1.0, noisy=2.0)
+    rate_mU_min: Annotated[float, About("Rate.", at_least=0.0)] = default_by_noise(default=1.0, noisy=2.0)
     bulbs: Annotated[int, About("Number of bulbs.", at_least=1, at_most=8)] = 1
     spare: Annotated[int, About("Number of spare bulbs.", at_least=0, at_most=8)] = 0
     colour: Annotated[Literal["red", "blue"], About("Colour.")] = "red"
@@ -44,7 +44,7 @@ LAMPS = Catalogue(_Lamp, {"desk": f"{__name__}:_Desk"}, example="desk, bulbs=2")
 
 def test_a_part_is_read_from_its_text_with_its_units():
     part = LAMPS.parse("desk, lit_min=1.5h, rate_mU_min=0.6 U/h, dimmed=true, note='a, b = c'")
-    assert part.given == {"lit_min": 90.0, "rate_mU_min": pytest.approx(10.0), "dimmed": True, "note": "a, b = c"}
+    assert part.explicit == {"lit_min": 90.0, "rate_mU_min": pytest.approx(10.0), "dimmed": True, "note": "a, b = c"}
     assert part.tree()["name"] == "desk"
     assert part.completed() == _Desk(90.0, part.rate_mU_min, dimmed=True, note="a, b = c")
 
@@ -67,13 +67,13 @@ VALUES = st.fixed_dictionaries(
 def test_a_part_is_read_again_from_its_text_and_from_its_tree(values):
     values = {key: value for key, value in values.items() if value != ""}
     part = _Desk.partial(values, display_name="desk")
-    again = LAMPS.parse(part_text(part.tree()))
-    assert again.given == part.given
-    assert LAMPS.read(part.tree()).given == part.given
-    assert plain(part_tree(part_text(part.tree()), "here")).keys() == part.tree().keys()
+    again = LAMPS.parse(component_text(part.tree()))
+    assert again.explicit == part.explicit
+    assert LAMPS.read(part.tree()).explicit == part.explicit
+    assert plain(component_tree(component_text(part.tree()), "here")).keys() == part.tree().keys()
     whole = part.completed()
     assert whole == _Desk(**values)
-    assert whole.given == part.given
+    assert whole.explicit == part.explicit
 
 
 @given(st.text(max_size=60))
@@ -132,7 +132,7 @@ def test_settings_are_compared_once_the_part_is_whole():
 def test_what_is_usual_follows_noise_and_what_was_given_stays():
     assert LAMPS.parse("desk").completed(noisy=True).rate_mU_min == 2.0
     assert LAMPS.parse("desk, rate_mU_min=1").completed(noisy=True).rate_mU_min == 1.0
-    assert LAMPS.parse("desk, rate_mU_min=1").completed(noisy=True).given == {"rate_mU_min": 1.0}
+    assert LAMPS.parse("desk, rate_mU_min=1").completed(noisy=True).explicit == {"rate_mU_min": 1.0}
 
 
 def test_a_part_made_in_python_takes_numbers_of_numpy_and_refuses_other_types():

@@ -168,7 +168,7 @@ def test_a_pace_is_a_whole_number_of_samples_or_refused(every_min, sample_time_m
 def test_a_pace_is_one_of_the_settings_of_a_controller(text):
     run = configured(Run, controller=[text], sample_time_min=1.0)
     assert run.case.every_min == pytest.approx(5.0)
-    assert run.case.controller.called == "pid"
+    assert run.case.controller.display_name == "pid"
 
 
 def test_a_pace_within_a_sample_is_refused():

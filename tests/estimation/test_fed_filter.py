@@ -1,6 +1,7 @@
 """The filter of a fed person against a Kalman step by hand, in NumPy."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -16,22 +17,28 @@ from glucoloop.therapy import Profile
 
 PATIENT = gl.patient("hovorka-2004")
 PROFILE = Profile(basal_mU_min=10.0, setpoint_mg_dl=120.0, carb_ratio_g_U=12.0, correction_mg_dl_U=50.0)
-CONTROLLER = design_profile_mpc(
-    nonlinear_model(PATIENT),
-    linear_model(PATIENT),
-    PROFILE,
-    ProfileMPCSettings(sensor_error_mg_dl=6.0, measurement_variance=2.0),
-    PARKER_1999_LIMITS,
-    DEFAULT_BOLUS_LIMITS,
-)
-FILTER, MODEL = CONTROLLER.filter, CONTROLLER.model
-predict = jax.jit(lambda estimate, insulin: FILTER.predict(MODEL, estimate, insulin))
-update = jax.jit(lambda estimate, reading, known: FILTER.update(MODEL, estimate, reading, known))
+
+
+@functools.cache
+def designed():
+    """The controller whose filter is tried."""
+    return design_profile_mpc(
+        nonlinear_model(PATIENT),
+        linear_model(PATIENT),
+        PROFILE,
+        ProfileMPCSettings(sensor_error_mg_dl=6.0, measurement_variance=2.0),
+        PARKER_1999_LIMITS,
+        DEFAULT_BOLUS_LIMITS,
+    )
+
+
+predict = jax.jit(lambda estimate, insulin: designed().filter.predict(designed().model, estimate, insulin))
+update = jax.jit(lambda estimate, reading, known: designed().filter.update(designed().model, estimate, reading, known))
 
 
 def some():
     """An estimate amid a meal."""
-    estimate = FILTER.announce(FILTER.init(MODEL), jnp.asarray(50.0))
+    estimate = designed().filter.announce(designed().filter.init(designed().model), jnp.asarray(50.0))
     for insulin, reading in ((300.0, 121.0), (0.0, 126.0), (0.0, 137.0)):
         estimate = update(predict(estimate, jnp.asarray(insulin)), jnp.asarray(reading), jnp.asarray(True))
     return estimate
@@ -104,8 +111,8 @@ def test_without_a_reading_nothing_is_corrected():
 
 
 def test_an_announced_meal_enters_the_gut_with_the_error_of_counting():
-    before = FILTER.init(MODEL)
-    after = FILTER.announce(before, jnp.asarray(60.0))
+    before = designed().filter.init(designed().model)
+    after = designed().filter.announce(before, jnp.asarray(60.0))
     np.testing.assert_allclose(after.gut_mg, [60_000.0, 0.0])
     assert float(after.gut_error_mg) == pytest.approx(0.3 * 60_000.0)
     assert float(before.gut_error_mg) == 0.0
@@ -113,26 +120,31 @@ def test_an_announced_meal_enters_the_gut_with_the_error_of_counting():
 
 def test_readings_of_a_smaller_meal_take_back_what_was_announced():
     """Glucose that rises half as fast as announced, read exactly, halves the meal within two hours."""
-    real = FILTER.announce(FILTER.init(MODEL), jnp.asarray(30.0))
-    believed = FILTER.announce(FILTER.init(MODEL), jnp.asarray(60.0))
+    real = designed().filter.announce(designed().filter.init(designed().model), jnp.asarray(30.0))
+    believed = designed().filter.announce(designed().filter.init(designed().model), jnp.asarray(60.0))
     basal = jnp.asarray(10.0)
     for _ in range(12):
         real, believed = predict(real, basal), predict(believed, basal)
-        believed = update(believed, MODEL.glucose_mg_dl(real.x), jnp.asarray(True))
+        believed = update(believed, designed().model.glucose_mg_dl(real.x), jnp.asarray(True))
     assert float(jnp.sum(believed.gut_mg)) == pytest.approx(float(jnp.sum(real.gut_mg)), rel=0.35)
-    assert float(MODEL.glucose_mg_dl(believed.x)) == pytest.approx(float(MODEL.glucose_mg_dl(real.x)), abs=6.0)
+    assert float(designed().model.glucose_mg_dl(believed.x)) == pytest.approx(
+        float(designed().model.glucose_mg_dl(real.x)), abs=6.0
+    )
 
 
 @pytest.mark.parametrize(("minutes", "learned"), [(20.0, 20.0), (36.0, 36.0), (60.0, 36.0)])
 def test_the_time_of_a_gut_is_learned_but_never_taken_to_be_longer_than_usual(minutes, learned):
     """Four meals of a person whose gut has another time, announced and read exactly, while insulin stays as it is."""
     gut, basal = GutCompartments(time_to_peak_min=minutes), jnp.asarray(10.0)
-    real = dataclasses.replace(FILTER, gut=gut)
-    truth, estimate = real.init(MODEL), FILTER.init(MODEL)
-    real_predict = jax.jit(lambda estimate: real.predict(MODEL, estimate, basal))
+    real = dataclasses.replace(designed().filter, gut=gut)
+    truth, estimate = real.init(designed().model), designed().filter.init(designed().model)
+    real_predict = jax.jit(lambda estimate: real.predict(designed().model, estimate, basal))
     for sample in range(4 * 72):
         if sample % 72 == 0:
-            truth, estimate = real.announce(truth, jnp.asarray(40.0)), FILTER.announce(estimate, jnp.asarray(40.0))
+            truth, estimate = (
+                real.announce(truth, jnp.asarray(40.0)),
+                designed().filter.announce(estimate, jnp.asarray(40.0)),
+            )
         truth, estimate = real_predict(truth), predict(estimate, basal)
-        estimate = update(estimate, MODEL.glucose_mg_dl(truth.x), jnp.asarray(True))
-    assert float(FILTER.gut_of(estimate).time_to_peak_min) == pytest.approx(learned, rel=0.1)
+        estimate = update(estimate, designed().model.glucose_mg_dl(truth.x), jnp.asarray(True))
+    assert float(designed().filter.gut_of(estimate).time_to_peak_min) == pytest.approx(learned, rel=0.1)

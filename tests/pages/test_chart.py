@@ -119,3 +119,10 @@ def test_meals_stand_above_and_their_texts_where_there_is_room():
     axes = drawn({"marks": marks})["axes"]
     assert axes.count("l-4 7z") == 3
     assert re.findall(r'fill="var\(--faint\)">([^<]*)</text>', axes) == ["50 g", "&lt;70 g&gt;"]
+
+
+def test_a_band_has_no_area_where_its_edges_are_not_known():
+    x = [0, 100, 200, 300, 400]
+    band = {"name": "a", "x": x, "low": [60, 60, None, 60, 60], "high": [90, 90, None, 90, 90]}
+    path = path_of(drawn({"areas": [{**band, "colour": "red", "opacity": 0.2}]}), "area")
+    assert path.count("M") == path.count("z") == 2

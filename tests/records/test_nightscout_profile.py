@@ -76,8 +76,8 @@ def test_a_switch_by_name_takes_the_schedule_of_the_profile_in_force():
     old = {"Default": stepped(), "Sport": stepped(rates=(0.5, 0.5, 0.5))}
     new = {"Default": stepped(), "Sport": stepped(rates=(0.4, 0.4, 0.4))}
     profiles = [profile(new, "2026-09-24T06:00:00Z"), profile(old)]
-    rates = day_of(profiles, (DAY + timedelta(hours=1), {"profile": "Sport", "percentage": 200}))
-    assert rates == [(DAY, 1.0), (DAY + timedelta(hours=1), 0.5), (DAY + timedelta(hours=6), 0.4)]
+    rates = day_of(profiles, (DAY + timedelta(hours=1), {"profile": "Sport", "percentage": 150}))
+    assert rates == [(DAY, 1.0), (DAY + timedelta(hours=1), 0.75), (DAY + timedelta(hours=6), pytest.approx(0.6))]
 
 
 def test_a_switch_for_good_ends_all_before_it():

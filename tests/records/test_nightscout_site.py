@@ -24,7 +24,7 @@ def test_a_site_gives_the_record_of_its_files(site, tmp_path, monkeypatch):
     files = gl.read_record(tmp_path / "entries.json", tmp_path / "treatments.json", time_zone="Europe/Berlin")
     assert found.frame.equals(files.frame)
     assert (found.rows, found.rows_used) == (41, 41)
-    assert "Europe/Berlin is the time zone of the site's profile." in found.notes
+    assert "Europe/Berlin is the time zone that the files tell; it holds for all times." in found.notes
     assert len(site.asked) > 6  # pages
     assert {method for method, _ in site.asked} == {"GET"}
 

@@ -25,6 +25,8 @@ def frame_of(**changed):
         "glucose_mg_dl": [100.0 + n for n in range(ROWS)],
         "carbs_g": [None] * ROWS,
         "bolus_U": [None] * ROWS,
+        "bolus_min": [None] * ROWS,
+        "long_acting_U": [None] * ROWS,
         "basal_U_h": [0.8, float("nan"), *[None] * (ROWS - 2)],
         "out_of_range": ["low", *[None] * (ROWS - 1)],
         "device": ["Dexcom G6"] * ROWS,

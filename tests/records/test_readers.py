@@ -59,10 +59,10 @@ def test_clarity(read):
     assert readings(record) == expected(5)
     assert values(record, "carbs_g") == [(START, 45.0)]
     assert values(record, "bolus_U") == [(minutes(5), 4.5)]
+    assert values(record, "long_acting_U") == [(minutes(10), 14.0)]
     assert set(record.frame["device"]) == {"Dexcom G6"}
     assert record.left_out == {
         "rows about the patient and the devices": 4,
-        "doses of insulin that is not fast-acting": 1,
         "calibrations and finger pricks": 1,
         "alerts": 1,
     }
@@ -107,12 +107,12 @@ def test_libreview(read):
     record = read(libre(events=LIBRE_EVENTS))
     assert readings(record) == expected(15)
     assert values(record, "bolus_U") == [(minutes(7 + 30), 5.5)]
+    assert values(record, "long_acting_U") == [(minutes(7 + 45), 20.0)]
     assert values(record, "carbs_g") == [(minutes(7 + 60), 30.0)]
     assert set(record.frame["device"]) == {"FreeStyle LibreLink"}
     assert record.left_out == {
         "scans, beside the readings that the sensor stores": 1,
         "strips": 1,
-        "doses of long-acting insulin": 1,
         "notes and other entries": 1,
     }
     assert readings(read(libre(events=LIBRE_EVENTS), scans=True))[minutes(7)] == 111.0
@@ -240,7 +240,8 @@ def test_tidepool(read):
     told = readings(record)
     assert list(told) == every(5, 40)
     assert list(told.values()) == pytest.approx(list(expected(5).values()), rel=1e-5)
-    assert values(record, "bolus_U") == [(minutes(1), 4.0)]
+    assert values(record, "bolus_U") == [(minutes(1), 2.5), (minutes(1), 1.5)]
+    assert record.frame["bolus_min"].drop_nulls().to_list() == [60.0]
     assert values(record, "carbs_g") == [(minutes(2), 40.0), (minutes(3), 12.0)]
     assert str(values(record, "basal_U_h")) == str([(minutes(0), 0.8), (minutes(30), 0.0), (minutes(60), float("nan"))])
     assert record.frame.filter(pl.col("out_of_range") == "low")["glucose_mg_dl"].to_list() == [39.0]

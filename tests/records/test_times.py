@@ -180,13 +180,13 @@ def test_two_files_of_one_person_are_joined(read):
     assert record.rows == len(lines) + 13
 
 
-def test_devices_that_overlap_are_told(read):
+def test_one_sensor_under_two_names_counts_once(read):
     lines = clarity(40).splitlines()
     other = [line.replace("iPhone G6", "iPhone G7").replace(":03:00", ":04:00") for line in lines[15:]]
     record = read("\n".join([*lines, *other]))
-    [note] = [note for note in record.notes if "devices:" in note]
-    assert note.startswith("Glucose comes from 2 devices: Dexcom G6 (40), Dexcom G7 (")
-    assert "they overlap in time" in note
+    assert readings_of(record) == readings_of(read(clarity(40)))
+    assert record.left_out["readings of the same sensor by another uploader"] == 30
+    assert "say the same glucose" in " ".join(record.notes)
 
 
 def test_an_unknown_time_zone_and_an_unknown_order_are_refused(refused):

@@ -62,7 +62,10 @@ def record_of(trace):
             "basal_U_h": trace["insulin_mU_min"] * 0.06,
         }
     ).with_columns(
-        *(pl.lit(None).alias(name) for name in ("utc_offset_min", "out_of_range", "device")),
+        *(
+            pl.lit(None).alias(name)
+            for name in ("utc_offset_min", "bolus_min", "long_acting_U", "out_of_range", "device")
+        ),
         pl.when(pl.col("carbs_g") > 0).then("carbs_g"),
         pl.when(pl.col("bolus_U") > 0).then("bolus_U"),
     )

@@ -63,7 +63,7 @@ def test_a_run_comes_back_from_its_file_and_knows_what_was_given(keys, cases):
     assert again.tree() == run.tree()
     assert again.tree(whole=True) == run.tree(whole=True)
     assert again.cases == run.cases
-    assert set(run.given) == {*keys, *(("controller",) if labelled else ())}
+    assert set(run.explicit) == {*keys, *(("controller",) if labelled else ())}
 
 
 def test_a_run_without_keys_is_that_of_the_paper():

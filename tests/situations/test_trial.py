@@ -48,7 +48,7 @@ def test_trial_comes_back_from_its_file(keys):
     assert again == trial
     assert again.tree() == trial.tree()
     assert fingerprint(again) == fingerprint(trial)
-    assert set(trial.given) == set(keys)
+    assert set(trial.explicit) == set(keys)
 
 
 def test_trial_without_keys_is_a_day_of_linear_mpc():

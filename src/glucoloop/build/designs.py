@@ -167,7 +167,7 @@ def design_of(
     def refuse_without_clock(to: object) -> None:
         if situation.start_min is None and getattr(to, "needs_time_of_day", False):
             raise Refusal(
-                f"the controller {case.controller.called} is to go by the time of day, of which it is not told",
+                f"the controller {case.controller.display_name} is to go by the time of day, of which it is not told",
                 "give the time at the start, like --start 06:00 (start in a file)",
             )
 
@@ -200,7 +200,7 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
         problem = f"no controller should be designed on the model that is identified {noise}. {' '.join(reasons)}"
         mend = "identify it with less noise, like --model 'noise_variance=0'"
         if identification.memory is not None and identification.memory < usual:
-            short = f"A memory of {identification.memory} samples is short for {situation.patient.called}"
+            short = f"A memory of {identification.memory} samples is short for {situation.patient.display_name}"
             problem += f" {short} ({usual} are usual)"
             mend = "leave it out"
         raise Refusal(problem, mend, f"{CONFIRM_OPTION} to use it all the same")

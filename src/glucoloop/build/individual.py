@@ -218,7 +218,7 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
                 designed[which] = controller_of(situation, case, person, profile=profile)
             except Refusal as error:
                 raise Refusal(
-                    f"no {case.controller.called} can be designed for person {numbers[which]}: {error.problem}",
+                    f"no {case.controller.display_name} can be designed for person {numbers[which]}: {error.problem}",
                     *error.remedies,
                     "design it once for the nominal patient (--design nominal)",
                 ) from None

@@ -133,7 +133,9 @@ def profile_of(situation: Situation) -> Profile:
     if situation.profile_by == "table":
         return situation.profile
     who = (
-        population(NOMINAL, patient=situation.patient.called) if situation.one_person is None else situation.one_person
+        population(NOMINAL, patient=situation.patient.display_name)
+        if situation.one_person is None
+        else situation.one_person
     )
     setpoint = float(situation.nominal.setpoint_mg_dl)
     titrated = with_profiles(situation, virtual_people(who, 0, [0], setpoint_mg_dl=setpoint)).profile

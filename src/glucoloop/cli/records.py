@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.command import Command
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
 HELP: Final = (
     "Read the record of a person from files of sensors, pumps, apps and simulators.\n\n"
     "What a file is, is seen from what it holds: an export of Dexcom Clarity, LibreView, CareLink, Nightscout or "
-    "Tidepool, a file of OhioT1DM, simglucose or ReplayBG, or any table whose columns are named. Everything that was "
+    "Tidepool, a file of a published data set or of a simulator, or any table whose columns are named. A folder or a "
+    "ZIP holds the files of a person; of a table of several people there is a record each. Everything that was "
     "changed or left out is told, with counts; what a file leaves open is asked for. Names and serial numbers are not "
     "read.\n\n"
     "  glucoloop records clarity.csv --out record.parquet\n\n"
@@ -65,6 +67,28 @@ _ANSWERS: Final = (
         panel=_READING,
         metavar="ZONE",
     ),
+    CommandOption(
+        "file_units",
+        "--file-units",
+        "Units of amounts in the files, where they are not g, U and U/h: of carbs, bolus, long_acting or basal, as "
+        "basal=mU/h,carbs=10g; basal=U/h|mU/h for rates of which some are in mU/h.",
+        panel=_READING,
+        metavar="AMOUNT=UNIT,...",
+    ),
+    CommandOption(
+        "device",
+        "--device",
+        "Device whose readings are used, where several read at the same time, by the name that the notes have.",
+        panel=_READING,
+        metavar="NAME",
+    ),
+    CommandOption(
+        "person_column",
+        "--person-column",
+        "Column that says whose each row is, in a table of several people, where it cannot be seen.",
+        panel=_READING,
+        metavar="NAME",
+    ),
     CommandOption("scans", "--scans", "Keep scans beside the readings that a sensor stores.", panel=_READING),
 )
 _NETWORK: Final = "Network"
@@ -81,7 +105,11 @@ _SITE: Final = (
 def _records(given: Given) -> None:
     """Read the files, write the record, and say what it holds."""
     place = file_to_write(given)
-    record = _fetched(given) if "from" in given else _read(given)
+    people = {"": _fetched(given)} if "from" in given else _read(given)
+    if len(people) > 1:
+        _of_people(list(people.values()), place, given)
+        return
+    [record] = people.values()
     if place is not None:
         write_file(place, record.parquet())
     if given.get("json"):
@@ -94,13 +122,42 @@ def _records(given: Given) -> None:
     print_text("Nothing was written; --out FILE keeps the record." if place is None else f"Wrote {place}.")
 
 
-def _read(given: Given) -> DeviceRecord:
-    from glucoloop.records import read_record
+def _of_people(records: list[DeviceRecord], place: Path | None, given: Given) -> None:
+    """Write and describe the records of several people, each in a file of its own; a name may be a person's own."""
+    places = [person_place(place, number) for number in range(1, len(records) + 1)] if place is not None else []
+    for one in places:
+        if one.exists() and not given.get("overwrite"):
+            raise Refusal(f"{one} is there already; give another name, or add --overwrite")
+    for record, one in zip(records, places, strict=False):
+        write_file(one, record.parquet())
+    if given.get("json"):
+        from glucoloop.storage.files import with_version
+
+        described = [
+            {**_described(record), **({"file": str(places[number])} if places else {})}
+            for number, record in enumerate(records)
+        ]
+        print_value(with_version({"people": described}))
+        return
+    for number, record in enumerate(records, 1):
+        print_text(f"Person {number} of {len(records)}:")
+        _print_record(record)
+    written = f"Wrote {places[0]} to {places[-1]}." if places else "Nothing was written; --out FILE keeps the records."
+    print_text(written)
+
+
+def person_place(place: Path, number: int) -> Path:
+    """File of the record of one person of several: the one that was named, with the number of the person."""
+    return place.with_name(f"{place.stem}-{number}{place.suffix}")
+
+
+def _read(given: Given) -> dict[str, DeviceRecord]:
+    from glucoloop.records.record import read_people
 
     if "days" in given:
         raise Refusal("--days is for a site; add --from nightscout, or leave it out")
     answers: dict[str, Any] = {option.key: given[option.key] for option in _ANSWERS if option.key in given}
-    return read_record(*given["files"], **answers)
+    return read_people(*given["files"], **answers)
 
 
 def _fetched(given: Given) -> DeviceRecord:
@@ -124,7 +181,7 @@ def _fetched(given: Given) -> DeviceRecord:
 def _described(record: DeviceRecord) -> dict[str, Any]:
     """A record in plain values."""
     times = record.frame["time"]
-    counted = ("glucose_mg_dl", "carbs_g", "bolus_U", "basal_U_h")
+    counted = ("glucose_mg_dl", "carbs_g", "bolus_U", "long_acting_U", "basal_U_h")
     return {
         "rows": record.rows,
         "rows_used": record.rows_used,
@@ -160,7 +217,13 @@ RECORDS: Final = Command(
     "records",
     HELP,
     (
-        CommandOption("files", "FILE...", "Files of one person, or the address of a site.", metavar="FILE", many=True),
+        CommandOption(
+            "files",
+            "FILE...",
+            "Files of one person, a table of several people, or the address of a site.",
+            metavar="FILE",
+            many=True,
+        ),
         *_ANSWERS,
         *_SITE,
         CommandOption("out", "--out", "File for the record, in the format Parquet.", metavar="FILE"),

@@ -1,10 +1,22 @@
-"""Parts: everything that a user names, as a name with settings, in one grammar for command line, files and Python.
+"""Components: everything that a user names, with settings, in one grammar for command line, files and Python.
 
-Here is what a part is; the parts themselves are declared beside what they make, and `catalogue.HOMES` says where.
+Here is what a component is; the components themselves are declared beside what they make, and `catalogue.HOMES` says
+where.
 """
 
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, derived, derived_static, wired
 from glucoloop.component.ranges import Tuned
-from glucoloop.component.setting import About, Default, usual
+from glucoloop.component.setting import About, Default, default_by_noise
 
-__all__ = ["DATA", "HOST", "STATIC", "About", "Default", "Tuned", "derived", "derived_static", "usual", "wired"]
+__all__ = [
+    "DATA",
+    "HOST",
+    "STATIC",
+    "About",
+    "Default",
+    "Tuned",
+    "default_by_noise",
+    "derived",
+    "derived_static",
+    "wired",
+]

@@ -1,6 +1,6 @@
-"""A part: a frozen class whose annotated fields are its settings, and which knows what was given to it.
+"""A component: a frozen class whose annotated fields are its settings, and which knows what was given to it.
 
-A part is declared once, beside its science::
+A component is declared once, beside its science::
 
     class Lag(SensorComponent, name="lag"):
         \"\"\"Glucose behind a first-order lag, as under the skin.\"\"\"
@@ -22,8 +22,16 @@ from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 
 from glucoloop.component.code import loaded
 from glucoloop.component.effects import Need
-from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
-from glucoloop.component.setting import ALL_SETTINGS, Default, Setting, WithUnit, declared_setting, known_names, usual
+from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, component_text, place, plain
+from glucoloop.component.setting import (
+    ALL_SETTINGS,
+    Default,
+    Setting,
+    WithUnit,
+    declared_setting,
+    default_by_noise,
+    known_names,
+)
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import Quantity
 
@@ -31,10 +39,10 @@ _SCALARS: Final = (int, float, str, bool)
 P = TypeVar("P", bound="Component")
 WIRING: Final = "wiring"
 """Metadata of a field that is no setting: what an object is connected to, or told of the loop around it."""
-_RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", "sources", NONE)
+_RESERVED: Final = (NAME, "label", "explicit", "source", "display_name", "kind", "default", "sources", NONE)
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(usual, dataclasses.field))
+@dataclass_transform(frozen_default=True, field_specifiers=(default_by_noise, dataclasses.field))
 class Component:
     """Something that a user names, with settings. Making one checks them.
 
@@ -47,23 +55,23 @@ class Component:
         For a value out of its bounds, or at odds with another; ``ArgumentTypeError`` for one of another type.
     """
 
-    kind: ClassVar[str] = "part"
+    kind: ClassVar[str] = "component"
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
     sources: ClassVar[tuple[str, ...]] = ()
-    """Publications that the part is made after: keys of `component.references`, or whole references as texts."""
+    """Publications that the component is made after: keys of `component.references`, or whole references as texts."""
     may_have: ClassVar[tuple[str, ...]] = ()
     """Reserved names that settings of this class may have all the same."""
     any_number: ClassVar[Quantity | None] = None
     """Plausible range of numbers whose settings declare none."""
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
-    given: ClassVar[Mapping[str, Any]] = {}
-    """The settings that were given, of each part; the class has none."""
-    where: ClassVar[str] = ""
-    """Option or file in which each part stood; empty for one that was made in Python."""
-    called: ClassVar[str] = ""
-    """Name by which each part was asked for, ``module:Class`` for one that no package has entered."""
+    explicit: ClassVar[Mapping[str, Any]] = {}
+    """Settings that were given explicitly, of each object; the class has none."""
+    source: ClassVar[str] = ""
+    """Option or file in which each object stood; empty for one that was made in Python."""
+    display_name: ClassVar[str] = ""
+    """Name under which each object was requested, ``module:Class`` for one that no package has entered."""
 
     if typing.TYPE_CHECKING:
 
@@ -81,7 +89,7 @@ class Component:
             for field in dataclasses.fields(cls):
                 if field.name in _RESERVED and field.name not in cls.may_have:
                     raise TypeError(
-                        f"a setting of {cls.__name__} is called {field.name!r}, as of every part; rename it"
+                        f"a setting of {cls.__name__} is called {field.name!r}, as of every component; rename it"
                     )
             cls.__init__ = _checking(cls, cls.__init__)
 
@@ -90,7 +98,7 @@ class Component:
 
     @classmethod
     def settings(cls) -> Mapping[str, Setting]:
-        """Settings of the part by name, as its fields declare them; each has a description and a default."""
+        """Settings of the component by name, as its fields declare them; each has a description and a default."""
         result: dict[str, Setting] | None = vars(cls).get("_settings")
         if result is None:
             result = {}
@@ -110,11 +118,11 @@ class Component:
 
     @classmethod
     def facts(cls) -> dict[str, Any]:
-        """Further plain values for a list of parts, beside the settings."""
+        """Further plain values for a list of components, beside the settings."""
         return {}
 
     @classmethod
-    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+    def defaults_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
         """Default settings for a route of insulin, where they differ from the defaults."""
         return {}
 
@@ -132,14 +140,14 @@ class Component:
         return result
 
     @classmethod
-    def partial(cls, given: Mapping[str, Any], where: str = "", display_name: str = "") -> Self:
-        """The part with some settings given and the others to be completed; settings are not compared before.
+    def partial(cls, explicit: Mapping[str, Any], source: str = "", display_name: str = "") -> Self:
+        """The component with some explicit settings and the others to be completed, before which none are compared.
 
-        An unknown setting, and a value of another type or out of its bounds, are refused. `where` is the option or file
-        in which the part stood, and `asked` the name by which it was asked for, if that is not its own.
+        An unknown setting, and a value of another type or out of its bounds, are refused. `source` is the option or
+        file in which the component stood, and `display_name` the name under which it was requested, if not its own.
         """
         made = object.__new__(cls)
-        values = {name: cls.setting(name).check(value, where) for name, value in given.items()}
+        values = {name: cls.setting(name).check(value, source) for name, value in explicit.items()}
         for name, setting in cls.settings().items():
             object.__setattr__(made, name, _bare(values.get(name, setting.default.noise_free)))
         for field in dataclasses.fields(typing.cast(Any, cls)):
@@ -147,35 +155,35 @@ class Component:
                 object.__setattr__(made, field.name, field.default)
             elif WIRING in field.metadata and field.default_factory is not dataclasses.MISSING:
                 object.__setattr__(made, field.name, field.default_factory())
-        return made._noted(values, where, display_name)
+        return made._noted(values, source, display_name)
 
-    def _noted(self, given: Mapping[str, Any], where: str, name: str) -> Self:
-        for key, value in (("given", given), ("where", where), ("called", name or self.name)):
+    def _noted(self, explicit: Mapping[str, Any], source: str, name: str) -> Self:
+        for key, value in (("explicit", explicit), ("source", source), ("display_name", name or self.name)):
             object.__setattr__(self, key, value)
         return self
 
-    def completed(self, usual: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
-        """The part with a value for every setting: for those that were not given, the default one or the default.
+    def completed(self, defaults: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
+        """The component with a value for every setting: where none is explicit, one of `defaults` or the class's own.
 
-        Usual ones are values, or a `Default` that depends on noise. Settings that are at odds with one another are
+        Defaults are values, or a `Default` that depends on noise. Settings that are at odds with one another are
         refused.
         """
-        values = dict(self.given)
+        values = dict(self.explicit)
         for name, setting in self.settings().items():
-            value = (usual or {}).get(name, setting.default)
+            value = (defaults or {}).get(name, setting.default)
             values.setdefault(name, value.value(noisy=noisy) if isinstance(value, Default) else value)
         try:
             whole = type(self)(**values)
         except Refusal as error:
-            raise error.within(self.where) from None
-        return whole._noted(self.given, self.where, self.called)
+            raise error.within(self.source) from None
+        return whole._noted(self.explicit, self.source, self.display_name)
 
     def uses(self) -> frozenset[Need]:
-        """Needs that the part meets, for settings of the request or of its own."""
+        """Needs that the component meets, for settings of the request or of its own."""
         return frozenset()
 
     def needs(self) -> tuple[Need, ...]:
-        """Needs of the part itself to have an effect."""
+        """Needs of the component itself to have an effect."""
         return ()
 
     def values(self) -> dict[str, Any]:
@@ -184,17 +192,17 @@ class Component:
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values, the same for TOML and JSON; with `whole` every setting."""
-        result: Tree = {NAME: self.called} if self.called else {}
-        for name, value in (self.values() if whole else self.given).items():
+        result: Tree = {NAME: self.display_name} if self.display_name else {}
+        for name, value in (self.values() if whole else self.explicit).items():
             if name not in self.refused:
-                left_out = value is None and not whole and self.setting(name).is_part
+                left_out = value is None and not whole and self.setting(name).is_component
                 result[name] = NONE if left_out else _plain(value, whole)
         return result
 
     @property
     def text(self) -> str:
-        """Text from which the same part is read, with every setting."""
-        return part_text(self.tree(whole=True))
+        """Text from which the same component is read, with every setting."""
+        return component_text(self.tree(whole=True))
 
     def __str__(self) -> str:
         return self.text
@@ -216,20 +224,20 @@ class Component:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(typing.cast(Any, self))}
 
 
-def _inherit_annotations(part: type[Component]) -> None:
+def _inherit_annotations(component: type[Component]) -> None:
     """A default that a class gives without a description is one of the setting that it inherits."""
-    inherited = next((base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)), None)
+    inherited = next((base for base in component.__mro__[1:] if dataclasses.is_dataclass(base)), None)
     known = () if inherited is None else dataclasses.fields(typing.cast(Any, inherited))
-    changed = [field.name for field in known if field.name in vars(part)]
-    undescribed = [name for name in changed if not hasattr(_annotation(part, name), "__metadata__")]
+    changed = [field.name for field in known if field.name in vars(component)]
+    undescribed = [name for name in changed if not hasattr(_annotation(component, name), "__metadata__")]
     if inherited is not None and undescribed:
         described = {name: _annotation(inherited, name) for name in undescribed}
-        part.__annotations__ = {**inspect.get_annotations(part), **described}
+        component.__annotations__ = {**inspect.get_annotations(component), **described}
 
 
-def _annotation(part: type[Any], name: str) -> Any:
+def _annotation(component: type[Any], name: str) -> Any:
     """Annotation of a field, evaluated alone: those of other fields may name what imports JAX."""
-    base = next(base for base in part.__mro__ if name in inspect.get_annotations(base))
+    base = next(base for base in component.__mro__ if name in inspect.get_annotations(base))
     annotation = inspect.get_annotations(base)[name]
     if isinstance(annotation, str):
         return eval(annotation, vars(sys.modules[base.__module__]), dict(vars(base)))
@@ -253,32 +261,32 @@ def _bare(value: Any) -> Any:
     return float(value) if isinstance(value, WithUnit) else value
 
 
-def _checking(part: type[Component], plain_init: Callable[..., None]) -> Callable[..., None]:
+def _checking(component: type[Component], plain_init: Callable[..., None]) -> Callable[..., None]:
     """Constructor that takes numbers of NumPy and JAX as well, and refuses what is out of bounds."""
 
     @functools.wraps(plain_init)
     def init(self: Component, *args: Any, **kwargs: Any) -> None:
-        if type(self) is not part:  # a class that extends this one checks all of its settings itself
+        if type(self) is not component:  # a class that extends this one checks all of its settings itself
             plain_init(self, *args, **kwargs)
             return
-        fields = dataclasses.fields(typing.cast(Any, part))
+        fields = dataclasses.fields(typing.cast(Any, component))
         names = [field.name for field in fields if not field.kw_only]
         given = {**dict(zip(names, args, strict=False)), **kwargs}
         known = {field.name for field in fields if field.init}
         if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= known:
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
-        settings = part.settings()
-        values = {name: _bare(_taken(part, name, value)) for name, value in given.items() if name in settings}
-        wiring = {name: _connected(part, name, value) for name, value in given.items() if name not in settings}
+        settings = component.settings()
+        values = {name: _bare(_taken(component, name, value)) for name, value in given.items() if name in settings}
+        wiring = {name: _connected(component, name, value) for name, value in given.items() if name not in settings}
         plain_init(self, **values, **wiring)
         self._noted(values, "", "")
 
     return init
 
 
-def _taken(part: type[Component], name: str, value: Any) -> Any:
+def _taken(component: type[Component], name: str, value: Any) -> Any:
     """A value within its bounds, in the type of its setting."""
-    setting = part.settings()[name]
+    setting = component.settings()[name]
     if setting.kind not in _SCALARS or setting.many:
         return setting.check(value)
     value = setting.read(value) if _has_unit(setting, value) else value
@@ -286,24 +294,24 @@ def _taken(part: type[Component], name: str, value: Any) -> Any:
     if not (of_python and (setting.choices or setting.has_type(value) or (value is None and setting.optional))):
         from glucoloop.arguments import converted, is_traced  # which imports JAX
 
-        value = converted(name, value, setting.kind, part.__name__)
+        value = converted(name, value, setting.kind, component.__name__)
         if is_traced(value):
             return value
     return setting.check(value)
 
 
-def _connected(part: type[Component], name: str, value: Any) -> Any:
+def _connected(component: type[Component], name: str, value: Any) -> Any:
     """A value of a field that is no setting, of the type of its annotation."""
     from glucoloop.arguments import converted
 
-    return converted(name, value, typing.get_type_hints(part)[name], part.__name__)
+    return converted(name, value, typing.get_type_hints(component)[name], component.__name__)
 
 
-def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, where: str | None = None) -> P:
-    """A part from a tree of given values, of which some may be texts; parts in it are read by their catalogues.
+def read(component: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, source: str | None = None) -> P:
+    """A component from a tree of given values, some of them texts; components in it are read by their catalogues.
 
-    Values that are possible and implausible are taken only with `allow_unusual`. `where` is the option or file in which
-    the part stands, by default that of its first value.
+    Values that are possible and implausible are taken only with `allow_unusual`. `source` is the option or file in
+    which the component stands, by default that of its first value.
     """
     values: dict[str, Any] = {}
     places: dict[str, str] = {}
@@ -311,27 +319,27 @@ def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, 
         if key == NAME:
             continue
         at = place(leaf)
-        if key in part.refused:
+        if key in component.refused:
             what = at if at.startswith("--") else f"{at}: {key}" if at else key
-            raise Refusal(f"{what} is no part of {_with_article(part.kind)}; leave it out")
+            raise Refusal(f"{what} is no part of {_with_article(component.kind)}; leave it out")
         try:
-            setting = part.setting(key)
+            setting = component.setting(key)
         except Refusal as error:
             raise error.within(at) from None
         key = setting.name
         if places.setdefault(key, at) == at and key in values:
             raise Refusal(f"{at}: {key} is given twice, once without its unit; leave one out")
-        if setting.is_part:
-            values[key] = _parts(setting, leaf, allow_unusual)
+        if setting.is_component:
+            values[key] = _components(setting, leaf, allow_unusual)
             continue
-        value, called = _value(setting, leaf), ": ".join(filter(None, (at, part.name if NAME in tree else "")))
+        value, label = _value(setting, leaf), ": ".join(filter(None, (at, component.name if NAME in tree else "")))
         first = leaf[0] if isinstance(leaf, list) and leaf else leaf
         if isinstance(first, GivenValue) and first.by_option:
-            setting, called = setting.renamed(at), ""
-        values[key] = setting.check(value, called)
+            setting, label = setting.renamed(at), ""
+        values[key] = setting.check(value, label)
         if not allow_unusual:
-            setting.refuse_unusual(values[key], ": ".join(filter(None, (called, setting.name))), part.any_number)
-    return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
+            setting.refuse_unusual(values[key], ": ".join(filter(None, (label, setting.name))), component.any_number)
+    return component.partial(values, place(tree) if source is None else source, plain(tree.get(NAME, "")))
 
 
 def _value(setting: Setting, leaf: Any) -> Any:
@@ -350,7 +358,7 @@ def _has_unit(setting: Setting, value: Any) -> bool:
     return setting.kind is float and isinstance(value, str) and not value.rstrip()[-1:].isdecimal()
 
 
-def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
+def _components(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
     catalogue = setting.kind.catalogue
     if setting.optional and plain(leaf) in (None, NONE):
         return None
@@ -363,7 +371,7 @@ def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
 
 
 class MadeComponent(Component):
-    """A part of which a function makes something.
+    """A component of which a function makes something.
 
     It is called with all settings by name, and with what else is known if it has a parameter of that name. A class that
     overrides `made` needs no such function.
@@ -373,7 +381,7 @@ class MadeComponent(Component):
     """The function, as ``module:function``; a class will do."""
 
     def made(self, **known: Any) -> Any:
-        """Object that the part stands for; making it imports JAX."""
+        """Object that the component stands for; making it imports JAX."""
         return self.made_of(self.values(), known)
 
     @classmethod

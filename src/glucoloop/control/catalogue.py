@@ -26,7 +26,7 @@ CONTROLLERS: Final = Catalogue(
     example="mpc-se, move_horizon=2",
     unnamed=True,
 )
-DEFAULT_CONTROLLER: Final = CONTROLLERS.usual
+DEFAULT_CONTROLLER: Final = CONTROLLERS.default
 ESTIMATING: Final = "meal-mpc"
 """The controller whose estimators of meals `glucoloop detect` tries."""
 SEARCHED: Final = "meal-mpc"

@@ -153,7 +153,7 @@ class GuardSettings(Component, name="usual"):
         return cls(**OF_ROUTE[insulin_route])
 
     @classmethod
-    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+    def defaults_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
         """Default limits for a route of insulin, where they differ from the defaults."""
         return OF_ROUTE[insulin_route]
 

@@ -161,7 +161,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         Tuned("measurement_variance", 0.3, 30.0, log=True, by_default=False),
     )
 
-    estimator: Annotated[EstimatorComponent, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.usual].partial({})
+    estimator: Annotated[EstimatorComponent, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.default].partial({})
     meals_per_h: Annotated[
         float,
         About("Expected number of meals per hour; more is quicker and less certain.", above=0.0, needs=(_STEADY,)),

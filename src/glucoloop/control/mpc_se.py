@@ -13,7 +13,7 @@ from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import ONLY_READINGS, Need
-from glucoloop.component.setting import About, usual
+from glucoloop.component.setting import About, default_by_noise
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import linear_response, or_suited, suited, unseen
@@ -48,7 +48,7 @@ class MPCSESettings(FilterTuning, name="mpc-se"):
     tunable: ClassVar = True
     reference_filters: ClassVar = ".3:.8:.05"
 
-    prediction_horizon: PredictionHorizon = usual(default=7, noisy=8)
+    prediction_horizon: PredictionHorizon = default_by_noise(default=7, noisy=8)
     offset_free: Annotated[
         Literal["held-innovation", "output-disturbance", "input-disturbance", "none"],
         About("Way of removing a lasting error."),

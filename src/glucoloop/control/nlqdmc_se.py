@@ -14,7 +14,7 @@ from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import ONLY_READINGS, Need
-from glucoloop.component.setting import usual
+from glucoloop.component.setting import default_by_noise
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import or_suited, response_at_rest, suited
@@ -46,7 +46,7 @@ class NLQDMCSettings(FilterTuning, name="nlqdmc-se"):
     tunable: ClassVar = True
     reference_filters: ClassVar = ".3:.5:.1|.57|.7|.8"  # half as many, since its loops take longer
 
-    prediction_horizon: PredictionHorizon = usual(default=5, noisy=6)
+    prediction_horizon: PredictionHorizon = default_by_noise(default=5, noisy=6)
     reference_filter: ReferenceFilter = 0.57
     glucose_floor_mg_dl: FloorGlucose = 0.0
     floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT

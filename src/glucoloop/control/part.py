@@ -122,11 +122,11 @@ class ControllerComponent(PytreeComponent):
 
     def __post_init__(self) -> None:
         for name, setting in self.settings().items():
-            if setting.is_part:
+            if setting.is_component:
                 object.__setattr__(self, name, getattr(self, name).completed())
 
     @classmethod
-    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+    def defaults_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
         """Default settings for a route of insulin, where they differ from the defaults, for readings without noise."""
         return {name: usual.noise_free for name, usual in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop._lazy_jax import np
 from glucoloop.component.effects import ONLY_READINGS
-from glucoloop.component.setting import About, usual
+from glucoloop.component.setting import About, default_by_noise
 from glucoloop.control.part import ControllerComponent, SensorLag
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import GLUCOSE_BOUND
@@ -66,9 +66,9 @@ class MPCTuning(ControllerComponent):
     used: ClassVar = ONLY_READINGS
 
     move_horizon: Annotated[int, About("Number of planned moves, m.", at_least=1, at_most=_LONGEST_MOVE_HORIZON)] = 2
-    prediction_horizon: PredictionHorizon = usual(default=8, noisy=10)
-    output_weight: OutputWeight = usual(default=1.0, noisy=3.0)
-    move_weight: MoveWeight = usual(default=0.0, noisy=1.0)
+    prediction_horizon: PredictionHorizon = default_by_noise(default=8, noisy=10)
+    output_weight: OutputWeight = default_by_noise(default=1.0, noisy=3.0)
+    move_weight: MoveWeight = default_by_noise(default=0.0, noisy=1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -111,14 +111,14 @@ class FilterTuning(StateTuning):
     """Tuning of a controller with a Kalman filter."""
 
     output_weight: OutputWeight = 1.0
-    glucose_process_noise: Annotated[float, About("Process noise of each glucose state, in Q.", at_least=0.0)] = usual(
-        default=30.0, noisy=0.9
+    glucose_process_noise: Annotated[float, About("Process noise of each glucose state, in Q.", at_least=0.0)] = (
+        default_by_noise(default=30.0, noisy=0.9)
     )
     other_process_noise: Annotated[
         float, About("Process noise of each insulin state and slow insulin effect.", at_least=0.0)
-    ] = usual(default=0.1, noisy=0.01)
+    ] = default_by_noise(default=0.1, noisy=0.01)
     glucagon_process_noise: Annotated[float, About("Process noise of glucagon and its slow effect.", at_least=0.0)] = (
-        usual(default=10.0, noisy=0.005)
+        default_by_noise(default=10.0, noisy=0.005)
     )
     measurement_variance: MeasurementVariance = 1.45
     noise_pace: NoisePace = 0.0

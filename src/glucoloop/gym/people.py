@@ -218,7 +218,7 @@ class DosedPeople:
         trial, size = self.trial, block_size(self.engine)
         first, most = trial.first_person, trial.population.most_people
         possible = (LARGEST_COUNTER + 1 if most is None else most) - first
-        available = trial.people if "people" in trial.given else possible
+        available = trial.people if "people" in trial.explicit else possible
         person = first + (self._next + np.arange(size, dtype=np.int64)) % available
         self._next += size
         with one_at_a_time:

@@ -226,8 +226,8 @@ def draw_days(plan: MealPlan, seed: int, person: npt.ArrayLike) -> LivedDays:
         days = days.changed(carbs_g=carbs_g * (1.0 + plan.size_spread_pct / 100.0 * (2.0 * drawn - 1.0)))
     days = days.changed(announced_g=days.carbs_g, announced_min=days.t_min)
     for place, habit in enumerate(plan.habits):
-        earlier = sum(other.called == habit.called for other in plan.habits[:place])
-        days = habit.lived(days.named(f"{habit.called} {earlier + 1}"))
+        earlier = sum(other.display_name == habit.display_name for other in plan.habits[:place])
+        days = habit.lived(days.named(f"{habit.display_name} {earlier + 1}"))
     return days.since(-plan.warm_up_min) if plan.habits or plan.warm_up_min else days
 
 

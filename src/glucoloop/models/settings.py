@@ -62,12 +62,12 @@ class FileComponent(ModelComponent, name="file"):
 class _Models(Catalogue[ModelComponent]):
     """The models; a text that names none is the path of a file."""
 
-    def tree(self, text: str, where: str = "") -> Tree:
+    def tree(self, text: str, source: str = "") -> Tree:
         """Tree of a model from its text, or from the path of a file."""
         path = text.strip()
         if path and "=" not in path.partition(",")[0] and path.partition(",")[0].strip() not in self:
-            return {NAME: GivenValue(FileComponent.name, where), "path": GivenValue(path, where, text=False)}
-        return super().tree(text, where)
+            return {NAME: GivenValue(FileComponent.name, source), "path": GivenValue(path, source, text=False)}
+        return super().tree(text, source)
 
 
 MODELS: Final = _Models(

@@ -75,6 +75,28 @@ function corners(x, y, until) {
 }
 
 /**
+ * Outlines of the stretches of a band in which both of its edges are known.
+ * @param {[number, number][]} upper
+ * @param {[number, number][]} lower corners at the same times
+ */
+function outlines(upper, lower) {
+  /** @type {[number, number][][][]} */
+  const stretches = [];
+  let within = false;
+  upper.forEach((corner, i) => {
+    const known = Number.isFinite(corner[1]) && Number.isFinite(lower[i][1]);
+    if (known && !within) stretches.push([[], []]);
+    if (known) {
+      const [there, back] = stretches[stretches.length - 1];
+      there.push(corner);
+      back.push(lower[i]);
+    }
+    within = known;
+  });
+  return stretches.map(([there, back]) => [...there, ...back.reverse()]);
+}
+
+/**
  * What lies behind, and the curves with the inside of the axes for their place, as SVG.
  * @param {Panel} panel
  * @param {View} view
@@ -138,10 +160,9 @@ export function drawn(panel, view, width, height) {
 
   const curves = [];
   for (const { name, x: t, low: least, high: most, until, colour, opacity } of panel.areas) {
-    const there = corners(t, most, until);
-    const back = corners(t, least, until).reverse();
-    const d = [...there, ...back].filter(([, value]) => Number.isFinite(value)).map(([right, up]) => `${short(x(right))} ${short(y(up))}`);
-    if (d.length) curves.push(`<path class="area" d="M${d.join("L")}z" fill="${colour}" fill-opacity="${opacity}">${titled(name)}</path>`);
+    const stretches = outlines(corners(t, most, until), corners(t, least, until));
+    const d = stretches.map((corner) => `M${corner.map(([right, up]) => `${short(x(right))} ${short(y(up))}`).join("L")}z`);
+    if (d.length) curves.push(`<path class="area" d="${d.join("")}" fill="${colour}" fill-opacity="${opacity}">${titled(name)}</path>`);
   }
   for (const { value, dash } of panel.rules) {
     curves.push(`<path d="M0 ${short(y(value))}h${inside.width}" stroke="var(--faint)" stroke-width="1.2"${dashed(dash)}/>`);

@@ -159,7 +159,7 @@ class PatientComponent(Component):
     @property
     def place(self) -> str:
         """Short name of the operating point, after the name of the patient unless it is the default one."""
-        where = self.rests_at if self.name == DEFAULT_PATIENT.name else f"{self.called}, {self.rests_at}"
+        where = self.rests_at if self.name == DEFAULT_PATIENT.name else f"{self.display_name}, {self.rests_at}"
         return where if self.person is None else f"{where}, person {self.person}"
 
     @classmethod

@@ -5,5 +5,6 @@ from .reader import ReaderComponent as ReaderComponent
 from .readers import READERS as READERS
 from .record import DeviceRecord as DeviceRecord
 from .record import FileRefusal as FileRefusal
+from .record import read_people as read_people
 from .record import read_record as read_record
 from .times import times_of as times_of

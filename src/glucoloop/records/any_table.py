@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import difflib
 import re
+from collections.abc import Mapping
 from typing import Final
 
 import polars as pl
@@ -11,13 +13,27 @@ import polars as pl
 from glucoloop.records.answers import TARGETS, Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
+from glucoloop.records.people import person_column
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.refusal import Refusal
 
 _UNITS: Final = {"glucose_mg_dl": "mg/dl", "glucose_mmol_l": "mmol/l"}
+_VALUES: Final = {
+    "glucose": "glucose_mg_dl",
+    "carbs": "carbs_g",
+    "bolus": "bolus_U",
+    "bolus_min": "bolus_min",
+    "long_acting": "long_acting_U",
+    "basal": "basal_U_h",
+}
 _MILLISECONDS: Final = 13
 """Number of digits of the milliseconds since 1970 of any time from 2001 to 2286; that of seconds is 10."""
+_EPOCH: Final = rf"^(\d{{10}}(\.\d+)?|\d{{{_MILLISECONDS}}})$"
+_DAYS: Final = r"^-?\d{1,5}$"
+"""Days since the beginning of a study, by which it hides the dates."""
+_DAY_0: Final = dt.date(2000, 1, 1)
+_CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
 
 class AnyTable(ReaderComponent, name="table"):
@@ -25,40 +41,92 @@ class AnyTable(ReaderComponent, name="table"):
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has the names of a record."""
-        return any(content.header("time", name, whole=True) for name in _UNITS)
+        return any(content.header("time", name, whole=True) for name in _VALUES.values()) or bool(
+            content.header("time", "glucose_mmol_l", whole=True)
+        )
+
+    def has_columns(self, content: FileText, columns: Mapping[str, str]) -> bool:
+        """Whether a file has the time and one more of the columns that are named."""
+        return bool(self._present(content, columns))
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of a table by the names of its columns."""
         names = dict(answers.columns) or _own_names(content)
-        place = content.header(*names.values(), whole=True)
-        if place is None:
+        present = self._present(content, names)
+        missing = tuple(text for name, text in names.items() if name not in present)
+        several = any("|" in text for text in names.values())
+        place = content.header(*present.values(), whole=True) if present else None
+        if place is None or (missing and not several):
             raise Refusal(
                 f"no line of its beginning has all of the columns {', '.join(names.values())}; "
                 f"{_likely(content, names)}"
             )
         table = content.table(place)
         by_text = {name.casefold(): name for name in reversed(table.frame.columns)}
-        frame = table.frame.select(**{target: table.texts(by_text[name.casefold()]) for target, name in names.items()})
-        epoch = frame["time"].drop_nulls()
-        if len(epoch) and epoch.str.contains(rf"^(\d{{10}}|\d{{{_MILLISECONDS}}})$").all():
-            digits = pl.col("time").str.pad_end(_MILLISECONDS, "0").cast(pl.Int64).cast(pl.Datetime("ms"))
-            times, notes = from_utc(frame.select(digits).to_series(), None, answers)
-        else:
-            times, notes = times_of(frame["time"], answers)
-        kept = {"glucose": "glucose_mg_dl", "carbs": "carbs_g", "bolus": "bolus_U", "basal": "basal_U_h"}
-        if "glucose_mmol_l" in names:
+        columns = {target: by_text[name.casefold()] for target, name in present.items()}
+        frame = table.frame.select(**{target: table.texts(name) for target, name in columns.items()})
+        times, notes = _times(frame, answers)
+        who = person_column(table.frame, set(columns.values()), times["time"], answers)
+        kept = {name: target for name, target in _VALUES.items() if target in present}
+        if "glucose_mmol_l" in present:
             kept["glucose"] = "glucose_mmol_l"
-        columns = {name: pl.col(target) for name, target in kept.items() if target in names}
+        values = {name: pl.col(target) for name, target in kept.items()}
+        if "bolus_min" in values:
+            values["bolus_min"] = values["bolus_min"].str.replace(",", ".").cast(pl.Float64, strict=False)
+        person = table.frame.select(table.texts(who)).to_series() if who else None
+        if who:
+            notes.append("The table has a column that says whose each row is.")
         return Extract(
-            frame=extract_frame(frame, times, table.spoilt, **columns),
-            glucose_unit=_UNITS.get(kept["glucose"]),
+            frame=extract_frame(frame, times, table.spoilt, **values, person=pl.lit(person)),
+            glucose_unit=_UNITS.get(kept.get("glucose", "")),
             notes=(*table.notes, *notes),
+            missing=missing,
         )
+
+    @staticmethod
+    def _present(content: FileText, columns: Mapping[str, str]) -> dict[str, str]:
+        """The columns that are named and stand in one header; none if that has no time or nothing else."""
+        choices = {target: [one.strip() for one in text.split("|")] for target, text in columns.items()}
+        for time in choices.get("time", []):
+            place = content.header(time, whole=True)
+            if place is None:
+                continue
+            result = {"time": time}
+            for target, texts in choices.items():
+                there = [one for one in texts if content.header(time, one, whole=True)]
+                if there and target != "time":
+                    result[target] = there[0]
+            if len(result.keys() - {"date"}) > 1:
+                return result
+        return {}
+
+
+def _times(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
+    """Times of a table: seconds or milliseconds since 1970, texts, or a clock beside the date."""
+    epoch = frame["time"].drop_nulls()
+    if len(epoch) and epoch.str.contains(_EPOCH).all():
+        digits = pl.col("time").str.slice(0, _MILLISECONDS).str.replace(r"\..*$", "").str.pad_end(_MILLISECONDS, "0")
+        return from_utc(frame.select(digits.cast(pl.Int64).cast(pl.Datetime("ms"))).to_series()), []
+    if "date" in frame.columns and frame["date"].drop_nulls().str.contains(_DAYS).all():
+        days = pl.col("date").cast(pl.Int64, strict=False)
+        dates = (pl.lit(_DAY_0) + pl.duration(days=days)).dt.to_string("%Y-%m-%d")
+        times, notes = times_of(frame.select(pl.concat_str(dates, "time", separator=" ")).to_series(), answers)
+        return times, [*notes, f"Its dates are numbers of days; day 0 was taken for {_DAY_0:%Y-%m-%d}."]
+    if "date" in frame.columns:
+        day = pl.col("date").str.replace(r"[T ]+0?0:00(:00)?(\.0+)?$", "")
+        return times_of(frame.select(pl.concat_str(day, "time", separator=" ")).to_series(), answers)
+    if len(epoch) and epoch.str.contains(_CLOCK).all():
+        raise Refusal(
+            "its times have no date", "name the column of dates too, as columns='date=Datum,time=Zeit,...' (--columns)"
+        )
+    return times_of(frame["time"], answers)
 
 
 def _own_names(content: FileText) -> dict[str, str]:
     """Columns of a table that has the names of a record."""
-    place = next((result for name in _UNITS if (result := content.header("time", name, whole=True))), None)
+    place = next(
+        (result for name in (*_UNITS, *_VALUES.values()) if (result := content.header("time", name, whole=True))), None
+    )
     if place is None:
         raise Refusal(
             "its columns have no names of a record", "name them, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"
@@ -70,6 +138,6 @@ def _own_names(content: FileText) -> dict[str, str]:
 
 def _likely(content: FileText, names: dict[str, str]) -> str:
     """Names of the file that are like those that were given; nothing else of the file, which may name a person."""
-    fields = {text.strip().strip('"') for line in content.head[:5] for text in re.split("[,;\t]", line)}
+    fields = {text.strip().strip('"') for line in content.head[:5] for text in re.split("[,;\t|]", line)}
     near = [match for name in names.values() for match in difflib.get_close_matches(name, fields - {name}, n=1)]
     return f"did you mean {' and '.join(map(repr, near))}?" if near else "give the names as they stand in the file"

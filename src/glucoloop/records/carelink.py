@@ -35,6 +35,9 @@ _COLUMNS: Final = {
     "temp_duration": "Temp Basal Duration",
     "selected": "Bolus Volume Selected",
     "bolus": "Bolus Volume Delivered",
+    "bolus_type": "Bolus Type",
+    "bolus_duration": "Bolus Duration",
+    "prime": "Prime Volume Delivered",
     "carbs": "BWZ Carb Input (grams",
     "exchanges": "BWZ Carb Input (exchanges",
     "suspend": "Suspend",
@@ -42,8 +45,8 @@ _COLUMNS: Final = {
     "marker": "Event Marker",
     "changed": "New Device Time",
 }
-_RUNNING: Final = "NORMAL"
-"""Word of the state of a pump that delivers again."""
+_RUNNING: Final = ("NORMAL", "RESUM")
+"""Words of the state of a pump that delivers again."""
 
 
 class CareLink(ReaderComponent, name="carelink"):
@@ -84,6 +87,8 @@ class CareLink(ReaderComponent, name="carelink"):
         kind = (
             pl.when(pl.col("meter").is_not_null())
             .then(pl.lit("finger pricks"))
+            .when(pl.col("prime").is_not_null())
+            .then(pl.lit("insulin that fills a tube or a cannula, which nobody gets"))
             .when(pl.col("selected").is_not_null())
             .then(pl.lit("boluses as they were selected, before their delivery"))
             .when(pl.col("exchanges").is_not_null())
@@ -104,6 +109,8 @@ class CareLink(ReaderComponent, name="carelink"):
             glucose=pl.col("glucose"),
             carbs=pl.coalesce("carbs", meal),
             bolus=pl.col("bolus"),
+            bolus_min=pl.lit(_bolus_minutes(frame)),
+            source=pl.col("device"),
             device=pl.col("device"),
             kind=kind,
         )
@@ -149,7 +156,11 @@ def _basal_events(frame: pl.DataFrame, result: pl.DataFrame) -> tuple[list[Basal
         at = {"row": entry["row"], "time": entry["time"]}
         try:
             if entry["suspend"] is not None:
-                events.append(BasalEvent(**at, what="resume" if _RUNNING in entry["suspend"].upper() else "suspend"))
+                events.append(
+                    BasalEvent(
+                        **at, what="resume" if any(word in entry["suspend"].upper() for word in _RUNNING) else "suspend"
+                    )
+                )
             if entry["basal"] is not None:
                 events.append(BasalEvent(**at, what="usual", value=_number(entry["basal"])))
             if entry["temp"] is not None:
@@ -165,6 +176,14 @@ def _basal_events(frame: pl.DataFrame, result: pl.DataFrame) -> tuple[list[Basal
         except ValueError:
             unreadable += 1
     return events, unreadable
+
+
+def _bolus_minutes(frame: pl.DataFrame) -> pl.Series:
+    """Time over which each bolus is given, where its type is square or the square part of a dual one [min]."""
+    parts = frame["bolus_duration"].str.extract_groups(r"^(\d+):(\d{2}):(\d{2})$").struct.unnest()
+    hours, minutes, seconds = (pl.col(name).cast(pl.Float64, strict=False) for name in parts.columns)
+    square = frame["bolus_type"].str.to_lowercase().str.contains("square")
+    return parts.select(pl.when(square).then(60.0 * hours + minutes + seconds / 60.0)).to_series()
 
 
 def _number(text: str) -> float:

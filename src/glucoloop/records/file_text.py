@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 import json
@@ -17,7 +18,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.user_file import read_regular
 
 LARGEST_BYTES: Final = 2_000_000_000
-DELIMITERS: Final = (",", ";", "\t")
+DELIMITERS: Final = (",", ";", "\t", "|")
 MAX_ROWS: Final = 5_000_000
 """Largest number of rows or entries of a file: a reading a minute for nine years."""
 _MAX_GROUPS, _MAX_VALUES = 10_000_000, 50_000_000
@@ -30,6 +31,17 @@ _ESCAPE: Final = re.compile(
 """Escape in JSON; half of a pair, which is no letter and cannot be encoded, is its group."""
 _EMPTY: Final = "it is empty; give the file as it was exported"
 _BLANK_LINES: Final = re.compile(r"\n(?:[ \t]*\n)+")
+_MARKS: Final = (
+    "\ufeff",
+    "\ufffe",
+    "\u00ef\u00bb\u00bf",
+    "\u00ef\u00bb",
+    "\u00bb\u00bf",
+    "\u00ff\u00fe",
+    "\ufffd\ufffd\ufffd",
+)
+_SEPARATOR_LINE: Final = re.compile(r'"?sep=.?"?[ \t]*\n')
+"""First line by which a spreadsheet is told what divides the fields."""
 _EXTRA: Final = ("more 1", "more 2")
 """Columns for fields beyond those of the header."""
 _HEAD: Final = 20_000
@@ -53,19 +65,36 @@ class FileText:
         """Value of the text as JSON, or None if it is none."""
         return json_of(self.text) if self.text[:_HEAD].lstrip()[:1] in ("[", "{") else None
 
+    @functools.cached_property
+    def items(self) -> list[Any] | None:
+        """List of a text in JSON, or of what a program wraps it in: an answer's ``result``, or a line for each item."""
+        value = self.json
+        if value is None and self.text.lstrip().startswith("{"):
+            value = _lines_of(self.text)
+        if isinstance(value, dict):
+            value = next((value[name] for name in ("result", "data") if isinstance(value.get(name), list)), None)
+        if not isinstance(value, list):
+            return None
+        if '"$' not in self.text:
+            return value
+        try:
+            return [_plain(item) for item in value]
+        except RecursionError:
+            return None
+
     def header(self, *names: str, whole: bool = False) -> tuple[int, str] | None:
         """Number of the first line with fields that begin with these names, and its delimiter; None if there is none.
 
         With `whole` the fields have to be these names.
         """
         wanted = [name.casefold() for name in names]
-        for place, fields in self._fields:
+        for place, fields in self.fields:
             if all(any(text == name or (not whole and text.startswith(name)) for text in fields) for name in wanted):
                 return place
         return None
 
     @functools.cached_property
-    def _fields(self) -> list[tuple[tuple[int, str], list[str]]]:
+    def fields(self) -> list[tuple[tuple[int, str], list[str]]]:
         """Fields of each of the first lines by each delimiter that it has, with the number of the line."""
         return [
             ((number, delimiter), [" ".join(text.strip().strip('"').split()).casefold() for text in cells])
@@ -84,10 +113,39 @@ class FileText:
 
     def objects(self) -> list[Any]:
         """Items of a list in JSON; Refusal if the text is none."""
-        if not isinstance(self.json, list):
+        if self.items is None:
             raise Refusal("it is no whole list in JSON; export it again")
-        _bounded(len(self.json), MAX_ROWS, "entries")
-        return self.json
+        _bounded(len(self.items), MAX_ROWS, "entries")
+        return self.items
+
+
+def _lines_of(text: str) -> list[Any] | None:
+    """Items of a text with one in JSON on each line; None if the first line is none, null for another that is none."""
+    lines = [line for line in text.split("\n") if line.strip()]
+    _bounded(len(lines), MAX_ROWS, "entries")
+    first = json_of(lines[0])
+    if not isinstance(first, dict):
+        return None
+    _bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
+    return [first, *map(json_of, lines[1:])]
+
+
+def _plain(value: Any) -> Any:
+    """A value without the types that MongoDB writes around it, as ``{"$numberInt": "5"}``."""
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if len(value) == 1:
+        [(name, inner)] = value.items()
+        if name.startswith("$"):
+            inner = _plain(inner)
+            if name in ("$numberInt", "$numberLong", "$numberDouble", "$numberDecimal"):
+                with contextlib.suppress(ValueError, TypeError):
+                    number = float(inner)
+                    return int(number) if number.is_integer() else number
+            return inner
+    return {name: _plain(inner) for name, inner in value.items()}
 
 
 def _bounded(count: int, most: int, what: str, remedy: str = "divide it") -> None:
@@ -137,11 +195,19 @@ def content_of(data: bytes) -> FileText:
 
 
 def _without_nul(text: str, notes: tuple[str, ...]) -> FileText:
-    if not text.strip():
+    if not text or text.isspace():
         raise Refusal(_EMPTY)
     if "\0" in text:
         raise Refusal("it is not text; give the file as it was exported, unzipped")
-    return FileText(text.replace("\r\n", "\n").replace("\r", "\n"), notes)
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    while text.startswith(_MARKS):  # a mark of the encoding, doubled or read in another one
+        text = text.removeprefix(next(mark for mark in _MARKS if text.startswith(mark)))
+    if _SEPARATOR_LINE.match(text):
+        text = text.partition("\n")[2]
+    if not text or text.isspace():
+        raise Refusal(_EMPTY)
+    return FileText(text, notes)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -187,7 +253,7 @@ def table_of(text: str, delimiter: str) -> CellTable:
     _bounded(columns, _MAX_COLUMNS, "columns", "leave some out, or divide it")
     _bounded(count, MAX_ROWS, "lines", "leave some out, or divide it")
     _bounded(columns * count, _MAX_CELLS, "cells", "leave some out, or divide it")
-    body = _BLANK_LINES.sub("\n", body).strip("\n")
+    body = (_BLANK_LINES.sub("\n", body) if _BLANK_LINES.search(body) else body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()
     frame = _frame(body, delimiter, names, '"')
@@ -210,8 +276,12 @@ def table_of(text: str, delimiter: str) -> CellTable:
         .then(pl.lit("rows with more fields than the header"))
     )
     cells = pl.col(names)
-    blank = pl.all_horizontal(cells.is_null() | (cells.str.strip_chars() == ""))
-    frame = frame.with_columns(_spoilt=reason).filter(~blank)
+    frame = frame.with_columns(_spoilt=reason)
+    maybe = pl.all_horizontal(
+        cells.is_null() | (cells == "") | cells.str.starts_with(" ") | cells.str.starts_with("\t")
+    )
+    if frame.select(maybe.any()).item():
+        frame = frame.filter(~pl.all_horizontal(cells.is_null() | (cells.str.strip_chars() == "")))
     return CellTable(frame.select(names), frame["_spoilt"], notes)
 
 
@@ -225,14 +295,14 @@ def _names(line: str, delimiter: str) -> list[str]:
     """Names of columns, each its own."""
     names: list[str] = []
     for text in line.split(delimiter):
-        name = " ".join(text.strip().strip('"').split())
+        name = " ".join(text.strip("\ufeff ").strip().strip('"').strip("\ufeff").split())
         names.append(name if name and name not in names else f"{name} ({len(names) + 1})")
     return names
 
 
 def _frame(body: str, delimiter: str, names: list[str], quote: str | None) -> pl.DataFrame | None:
     every = (*names, *_EXTRA)
-    if not body.strip():
+    if not body or body.isspace():
         return pl.DataFrame(schema=dict.fromkeys(every, pl.String()))
     header = delimiter.join(map(str, range(len(every))))  # a row may have fewer fields, but not the first line
     try:

@@ -1,8 +1,10 @@
-"""CSV of LibreView, of sensors FreeStyle Libre, in English or German.
+"""CSV of LibreView, of sensors FreeStyle Libre, in any language.
 
-The first line is about the export, the second names the columns. A record type of 0 is a reading that the sensor stores
-every 5 or 15 min, 1 a scan, 2 a strip, 4 insulin, 5 food, 6 anything else. Dates have the day or the month first,
-depending on the country of the account. Sensors read from 40 to 500 mg/dl.
+The first line is about the export, the next one with fields names the columns, which stand in the same order in every
+language: device, serial number, time, type of the row, stored reading, scan, rapid-acting insulin without and with a
+number, food, carbohydrate in grams and in portions, long-acting insulin, and so on. A type of 0 is a reading that the
+sensor stores every 5 or 15 min, 1 a scan, 2 a strip, 4 insulin, 5 food, 6 anything else. Dates have the day or the
+month first, depending on the country of the account. Sensors read from 40 to 500 mg/dl.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, extract_frame
-from glucoloop.records.file_text import FileText
+from glucoloop.records.file_text import CellTable, FileText
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
@@ -23,8 +25,34 @@ _HEADERS: Final = (
     ("Device Timestamp", "Record Type", "Historic Glucose"),
     ("Gerätezeitstempel", "Aufzeichnungstyp", "Glukosewert-Verlauf"),
 )
+_NAMES: Final = {
+    "device": ("Device", "Gerät"),
+    "serial": ("Serial Number", "Seriennummer"),
+    "time": ("Device Timestamp", "Gerätezeitstempel"),
+    "type": ("Record Type", "Aufzeichnungstyp"),
+    "historic": ("Historic Glucose", "Glukosewert-Verlauf"),
+    "scan": ("Scan Glucose", "Glukose-Scan"),
+    "rapid": ("Rapid-Acting Insulin (", "Schnellwirkendes Insulin ("),
+    "slow": ("Long-Acting Insulin Value", "Long-Acting Insulin (", "Depotinsulin ("),
+    "carbs": ("Carbohydrates (grams)", "Kohlenhydrate (Gramm)"),
+}
+_PLACES: Final = {
+    "device": 0,
+    "serial": 1,
+    "time": 2,
+    "type": 3,
+    "historic": 4,
+    "scan": 5,
+    "rapid": 7,
+    "carbs": 9,
+    "slow": 12,
+}
+"""Place of each column in a language whose words are not known here."""
+_FEWEST_FIELDS: Final = 14
 _HISTORIC, _SCAN, _INSULIN, _FOOD = "0", "1", "4", "5"
+_TYPES: Final = tuple("0123456")
 _KINDS: Final = {"2": "strips", "3": "entries of other kinds", "6": "notes and other entries"}
+_UNITS: Final = ("mmol/l", "mg/dl")
 
 
 class LibreView(ReaderComponent, name="libreview"):
@@ -32,34 +60,27 @@ class LibreView(ReaderComponent, name="libreview"):
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has the header of LibreView."""
-        return any(content.header(*names) for names in _HEADERS)
+        return any(content.header(*names) for names in _HEADERS) or _place_by_form(content) is not None
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of an export of LibreView."""
         place = next((result for names in _HEADERS if (result := content.header(*names))), None)
-        if place is None:
+        by_form = _place_by_form(content) if place is None else None
+        if place is None and by_form is None:
             raise Refusal("it has no header of LibreView, Device Timestamp, Record Type and so on; export it again")
-        table = content.table(place)
-        historic = table.column("Historic Glucose", "Glukosewert-Verlauf")
-        unit = next((unit for unit in ("mmol/l", "mg/dl") if historic and unit in historic.casefold()), None)
-        frame = table.frame.select(
-            device=table.texts(table.column("Device", "Gerät")),
-            time=table.texts(table.column("Device Timestamp", "Gerätezeitstempel")),
-            type=table.texts(table.column("Record Type", "Aufzeichnungstyp")),
-            historic=table.texts(historic),
-            scan=table.texts(table.column("Scan Glucose", "Glukose-Scan")),
-            rapid=table.texts(table.column("Rapid-Acting Insulin (", "Schnellwirkendes Insulin (")),
-            slow=table.texts(table.column("Long-Acting Insulin Value", "Long-Acting Insulin (", "Depotinsulin (")),
-            carbs=table.texts(table.column("Carbohydrates (grams)", "Kohlenhydrate (Gramm)")),
-        )
+        table = content.table(place or by_form)  # type: ignore[arg-type]
+        names = {name: table.column(*starts) for name, starts in _NAMES.items()} if place else _names_by_place(table)
+        historic = (names["historic"] or "").casefold()
+        unit = next((unit for unit in _UNITS if unit in historic), None)
+        frame = table.frame.select(**{name: table.texts(column) for name, column in names.items()})
         times, notes = times_of(frame["time"], answers)
+        if place is None:
+            notes.append("Its language is not known here: its columns were taken by their place, as in all languages.")
         kind = pl.col("type")
         keep_scans = answers.scans or not frame.filter(kind == _HISTORIC)["historic"].is_not_null().any()
         no_value = (
             pl.when((kind == _SCAN) & (not keep_scans))
             .then(pl.lit("scans, beside the readings that the sensor stores"))
-            .when((kind == _INSULIN) & pl.col("slow").is_not_null())
-            .then(pl.lit("doses of long-acting insulin"))
             .when(kind == _INSULIN)
             .then(pl.lit("doses of insulin without a number"))
             .when(kind == _FOOD)
@@ -69,9 +90,6 @@ class LibreView(ReaderComponent, name="libreview"):
             .when((kind == _SCAN) & keep_scans)
             .then(pl.lit("scans without a reading"))
         )
-        both = frame.filter((kind == _INSULIN) & pl.col("rapid").is_not_null() & pl.col("slow").is_not_null()).height
-        if both:
-            notes.append(f"{both} rows have rapid-acting and long-acting insulin; the long-acting dose was not used.")
         glucose = pl.when(kind == _HISTORIC).then("historic").when((kind == _SCAN) & keep_scans).then("scan")
         return Extract(
             frame=extract_frame(
@@ -81,10 +99,31 @@ class LibreView(ReaderComponent, name="libreview"):
                 glucose=glucose,
                 carbs=pl.when(kind == _FOOD).then("carbs"),
                 bolus=pl.when(kind == _INSULIN).then("rapid"),
+                long_acting=pl.when(kind == _INSULIN).then("slow"),
                 device=pl.lit(device_kinds(frame["device"], "FreeStyle Libre")),
+                source=pl.concat_str("device", "serial", separator="|", ignore_nulls=True),
                 kind=no_value,
             ),
             glucose_unit=unit,
             notes=(*table.notes, *notes),
             limits_mg_dl=(40.0, 500.0),
         )
+
+
+def _place_by_form(content: FileText) -> tuple[int, str] | None:
+    """Place of a header in any language: stored readings beside scans, both with the unit, and rows of types."""
+    for place, fields in content.fields:
+        if len(fields) < _FEWEST_FIELDS or not all(any(unit in text for unit in _UNITS) for text in fields[4:6]):
+            continue
+        number, delimiter = place
+        rows = [line.split(delimiter) for line in content.head[number + 1 :] if line.strip()][:5]
+        if rows and all(
+            len(row) > _PLACES["type"] and row[3].strip().strip('"') in _TYPES for row in rows[:-1] or rows
+        ):
+            return place
+    return None
+
+
+def _names_by_place(table: CellTable) -> dict[str, str | None]:
+    columns = table.frame.columns
+    return {name: columns[place] if place < len(columns) else None for name, place in _PLACES.items()}

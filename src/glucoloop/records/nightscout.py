@@ -1,45 +1,65 @@
 """JSON of Nightscout: entries, with the readings, treatments, with carbohydrate, boluses and rates, and profiles.
 
-Times are instants in UTC, with the offset of the uploader's clock where it told one. Readings are in mg/dl whatever the
-site shows; 39 stands for low and 401 for high.
+Times are instants in UTC, with the offset of the uploader's clock where it told one: an offset of 0 stands for an
+unknown one too, since the server writes it beside each time that ends in Z. Readings are in mg/dl whatever the site
+shows; 39 stands for low and 401 for high. Lists come as such, as the ``result`` of version 3 of the interface, and as
+the lines of ``mongoexport``. Combo boluses tell their parts as AndroidAPS and Nightscout's careportal write
+them, injections their insulins as xDrip does, percentages of the usual rate as a change (``percent``) or, from OpenAPS,
+as the whole (``temp``: percent).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_right
 from dataclasses import replace
 from datetime import UTC
-from typing import Any, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
 import polars as pl
 
 from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import device_kinds
-from glucoloop.records.extract import Extract, cells, extract_frame, finite, with_basal
-from glucoloop.records.file_text import FileText
-from glucoloop.records.nightscout_profile import SWITCH, profiles_of, usual_rates
+from glucoloop.records.extract import Extract, cells, extract_frame, number_in, with_basal, with_doses
+from glucoloop.records.file_text import FileText, json_of
+from glucoloop.records.insulins import is_long_acting
+from glucoloop.records.nightscout_profile import SWITCH, fixed_zone, profiles_of, usual_rates, zones_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import TIME, from_utc, times_of
+from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H
 
 _LOW_CODE, _HIGH_CODE = 39, 401
 _KINDS: Final = {"mbg": "finger pricks", "cal": "calibrations"}
 _TEMPORARY: Final = "Temp Basal"
+_COMBO: Final = "Combo Bolus"
+_SUSPEND, _RESUME = re.compile(r"(?i)suspen"), re.compile(r"(?i)resum")
+_OF_INSULIN: Final = r"(?i)bolus|insulin|basal|suspen|resum|prim(e|ing)|dose|injection|pen\b"
+_DELETED: Final = "entries that were deleted"
+_PRIMING: Final = "insulin that fills a tube or a cannula, which nobody gets"
+_SWITCHES: Final = "changes of the profile, which tell the usual basal rate"
+_MS_PER_MIN: Final = 60_000.0
+_MAX_OFFSET_MIN: Final = 840
 
 
 class Nightscout(ReaderComponent, name="nightscout"):
     """JSON of entries or treatments of Nightscout, and of its profiles beside them."""
 
+    in_parts: ClassVar = True
+
     def recognised(self, content: FileText) -> bool:
         """Whether a file is a list of entries, treatments or profiles."""
-        items = content.json
-        if not isinstance(items, list):
+        items = content.items
+        if items is None:
             return False
         if profiles_of(content):
             return True
         first = [item for item in items[:50] if isinstance(item, dict)]
-        return any("sgv" in item or "mbg" in item or ("eventType" in item and "created_at" in item) for item in first)
+        return any(
+            "sgv" in item or "mbg" in item or ("eventType" in item and {"created_at", "date", "mills"} & item.keys())
+            for item in first
+        )
 
     def with_profiles(self, content: FileText, answers: Answers) -> Answers | None:
         """Answers with the profiles that a file holds; None for a file of entries or treatments."""
@@ -49,22 +69,31 @@ class Nightscout(ReaderComponent, name="nightscout"):
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of entries or treatments."""
         items = [item if isinstance(item, dict) else {} for item in content.objects()]
-        instants, offsets, notes = _instants(items, answers)
-        times, more = from_utc(instants, offsets, answers)
+        sources = cells(_source(item) for item in items)
+        times, notes = _times(items, sources, answers)
+        doses = [_doses(item) for item in items]
         source = pl.DataFrame(
             {
-                "sgv": cells(item.get("sgv") if item.get("type", "sgv") == "sgv" else None for item in items),
+                "sgv": cells(_reading(item) for item in items),
                 "type": cells(item.get("type") for item in items),
                 "event": cells(item.get("eventType") for item in items),
-                "insulin": cells(item.get("insulin") for item in items),
-                "grams": cells(item.get("carbs") for item in items),
-                "source": cells(item.get("device", item.get("enteredBy")) for item in items),
+                "bolus": cells(dose.bolus for dose in doses),
+                "long_acting": cells(dose.long_acting for dose in doses),
+                "grams": cells(None if _is_deleted(item) else item.get("carbs") for item in items),
+                "named": cells(dose.named for dose in doses),
+                "source": sources,
             }
         )
         code = pl.col("sgv").cast(pl.Float64, strict=False)
         kind = (
-            pl.when(pl.col("event") == _TEMPORARY)
+            pl.when(pl.col("named").is_not_null())
+            .then("named")
+            .when(pl.col("event") == _TEMPORARY)
             .then(pl.lit("temporary basal rates without a rate and a duration"))
+            .when(pl.col("event") == SWITCH)
+            .then(pl.lit(_SWITCHES))
+            .when(pl.col("event").str.contains(_OF_INSULIN))
+            .then(pl.lit("entries about insulin without a dose"))
             .when(pl.col("event").is_not_null())
             .then(pl.lit("treatments without carbohydrate or insulin"))
             .when(pl.col("type").is_not_null() & (pl.col("type") != "sgv"))
@@ -75,96 +104,227 @@ class Nightscout(ReaderComponent, name="nightscout"):
             times,
             glucose=pl.col("sgv"),
             carbs=pl.col("grams"),
-            bolus=pl.col("insulin"),
+            bolus=pl.col("bolus"),
+            long_acting=pl.col("long_acting"),
             out_of_range=pl.when(code == _LOW_CODE).then(pl.lit("low")).when(code == _HIGH_CODE).then(pl.lit("high")),
             device=pl.when(pl.col("sgv").is_not_null()).then(pl.lit(device_kinds(source["source"], "other"))),
+            source=pl.col("source"),
             kind=kind,
         )
+        result = with_doses(result, [(row, *dose.extended) for row, dose in enumerate(doses) if dose.extended])
         for mark, number in (("low", _LOW_CODE), ("high", _HIGH_CODE)):
             count = result.filter(pl.col("out_of_range") == mark).height
             if count:
-                more.append(f"{count} readings of {number} stand for {mark}.")
-        spread = sum(item.get("eventType") == "Combo Bolus" for item in items)
+                notes.append(f"{count} readings of {number} stand for {mark}.")
+        spread = sum(dose.extended is not None for dose in doses)
         if spread:
-            more.append(f"{spread} combo boluses count with the insulin that they name, at their beginning.")
-        places = result["time"].to_list()
-        usual = _usual_events(items, instants.to_list(), places, answers)
-        rates = basal_rates([*usual, *_basal_events(items, places)])
+            notes.append(f"{spread} boluses are given over a time, in part or as a whole; bolus_min has that time.")
+        instants = times["time"].to_list()
+        usual = _usual_events(items, instants, times, answers, notes)
+        rates = basal_rates([*usual, *_basal_events(items, instants)])
         unknown = sum(math.isnan(rate) for _, _, rate in rates)
         if unknown:
-            more.append(
+            notes.append(
                 f"The basal rate is not known from {unknown} times on: a temporary one ends or is a percentage, and "
                 "the default one is not in the file; a file of profiles of Nightscout beside it tells that."
             )
         if usual:
-            more.append(
+            notes.append(
                 f"The usual basal rate is that of the profiles of Nightscout; it changes {len(usual) - 1} times."
             )
-        return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=(*notes, *more))
+        return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=tuple(notes))
 
 
-def _instants(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.Series, pl.Series, list[str]]:
-    """Instant in UTC and offset [min] of each item, from its number of milliseconds or its text."""
+class _Doses(NamedTuple):
+    """Insulin of a treatment."""
+
+    bolus: Any = None
+    """Insulin at once [U], still as it stands there."""
+    extended: tuple[float, float] | None = None
+    """Insulin over a time [U], and that time [min]."""
+    long_acting: Any = None
+    named: str | None = None
+    """Words for an entry whose insulin nobody gets."""
+
+
+def _is_deleted(item: dict[str, Any]) -> bool:
+    return item.get("isValid") is False or item.get("isDeleted") is True
+
+
+def _source(item: dict[str, Any]) -> str | None:
+    """Device or app that made an entry."""
+    told = [item.get(name) for name in ("device", "enteredBy", "app")]
+    return "|".join(str(name) for name in told if name) or None
+
+
+def _reading(item: dict[str, Any]) -> Any:
+    if item.get("type", "sgv") != "sgv" or _is_deleted(item):
+        return None
+    value = item.get("sgv")
+    if str(item.get("units", "")).casefold().startswith("mmol"):
+        number = number_in(value)
+        return value if number is None else number * MG_DL_PER_MMOL_L
+    return value
+
+
+def _minutes(item: dict[str, Any]) -> float | None:
+    """Duration of a treatment."""
+    milliseconds = number_in(item.get("durationInMilliseconds"))
+    return number_in(item.get("duration")) if milliseconds is None else milliseconds / _MS_PER_MIN
+
+
+def _doses(item: dict[str, Any]) -> _Doses:
+    """Insulin of an entry, each part of it."""
+    if _is_deleted(item):
+        return _Doses(named=_DELETED)
+    event, insulin = str(item.get("eventType", "")), item.get("insulin")
+    if str(item.get("type", "")).upper() == "PRIMING" or re.search(r"(?i)\bprim(e|ing)\b", event):
+        return _Doses(named=_PRIMING if number_in(insulin) else None)
+    injections = _injections(item.get("insulinInjections"))
+    if injections is not None:
+        fast, slow = (sum(units for units, long in injections if long is which) for which in (False, True))
+        return _Doses(bolus=fast or None, long_acting=slow or None)
+    named = next((item[name] for name in ("insulinType", "insulinName", "insulin_name") if item.get(name)), event)
+    if insulin is not None and is_long_acting(str(named)):
+        return _Doses(long_acting=insulin)
+    minutes = _minutes(item)
+    if event != _COMBO or minutes is None or minutes <= 0.0:
+        entered = item.get("enteredinsulin") if insulin is None and event == _COMBO else None
+        return _Doses(bolus=insulin if entered is None else entered)
+    now, extended = _parts(item, minutes)
+    return _Doses(bolus=insulin if now is None else now or None, extended=(extended, minutes) if extended else None)
+
+
+def _parts(item: dict[str, Any], minutes: float) -> tuple[float | None, float | None]:
+    """Insulin at once and over the duration of a combo bolus [U]; None where it does not tell."""
+    entered, insulin, rate = (number_in(item.get(name)) for name in ("enteredinsulin", "insulin", "relative"))
+    share_now, share_later = (number_in(item.get(name)) for name in ("splitNow", "splitExt"))
+    if share_later is None and share_now is not None:
+        share_later = 100.0 - share_now
+    if entered is not None and share_later is not None and 0.0 <= share_later <= 100.0:
+        later = entered * share_later / 100.0
+        return entered - later if insulin is None else insulin, later
+    if entered is not None and insulin is not None and entered >= insulin:
+        return insulin, entered - insulin
+    if rate is not None:
+        return insulin or 0.0, rate * minutes / MIN_PER_H
+    return entered if insulin is None else insulin, None
+
+
+def _injections(text: Any) -> list[tuple[float, bool]] | None:
+    """Units of each insulin of an entry of xDrip, and whether it is long-acting; None if it has none."""
+    items = json_of(text) if isinstance(text, str) and text else text
+    if not isinstance(items, list) or not items:
+        return None
+    result = [
+        (number_in(item.get("units")) or 0.0, is_long_acting(str(item.get("insulin", ""))))
+        for item in items
+        if isinstance(item, dict)
+    ]
+    return result if any(units for units, _ in result) else None
+
+
+def _times(items: list[dict[str, Any]], sources: pl.Series, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
+    """Instant in UTC of each item, from its number of milliseconds or its text, and the offset that it tells."""
     numbers = [_whole(item.get("date", item.get("mills"))) for item in items]
     instants = pl.Series(numbers, dtype=pl.Int64).cast(pl.Datetime("ms")).cast(TIME)
-    texts = cells(item.get("created_at") or item.get("dateString") or item.get("timestamp") for item in items)
-    read, notes = times_of(texts, answers)
-    shift = pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us")
-    with_zone = read.select(pl.col("time") - shift).to_series()
-    offsets = pl.Series([_whole(item.get("utcOffset")) for item in items], dtype=pl.Int64)
-    offsets = pl.select(pl.when(offsets.is_between(-840, 840) & (offsets != 0)).then(offsets)).to_series()
-    table = pl.DataFrame({"number": instants, "told": with_zone, "own": offsets, "text": read["utc_offset_min"]})
-    return (
-        table.select(pl.coalesce("number", "told")).to_series(),
-        table.select(pl.coalesce("own", "text").fill_null(0)).to_series(),
-        notes,
+    texts = cells(
+        item.get("created_at") or item.get("dateString") or item.get("sysTime") or item.get("timestamp")
+        for item in items
     )
+    read, notes = times_of(texts, answers)
+    offsets = pl.Series([_whole(item.get("utcOffset")) for item in items], dtype=pl.Int64)
+    table = pl.DataFrame({"number": instants, "text": read["time"], "own": offsets, "written": read["utc_offset_min"]})
+    table = table.with_columns(sources.alias("source")).select(
+        "source",
+        instant=pl.coalesce("number", "text"),
+        offset=pl.coalesce(
+            pl.col("written").cast(pl.Int64), pl.when(pl.col("own").abs() <= _MAX_OFFSET_MIN).then("own")
+        ),
+    )
+    return from_utc(table["instant"], _offsets_meant(table)), notes
+
+
+def _offsets_meant(table: pl.DataFrame) -> pl.Series:
+    """Offsets that are meant: one of 0 is where its source tells others of up to an hour, for times of the year."""
+    if not (table["offset"].fill_null(0) != 0).any():
+        return pl.Series([None] * table.height, dtype=pl.Int64)
+    in_order = table.with_row_index("place").filter(pl.col("offset").is_not_null()).sort("instant")
+    per_source = in_order.group_by("source").agg(
+        far=(pl.col("offset").abs() > MIN_PER_H).any(),
+        changes=(pl.col("offset").diff().fill_null(0) != 0).sum(),
+        days=(pl.col("instant").max() - pl.col("instant").min()).dt.total_days(),
+        others=(pl.col("offset") != 0).any(),
+    )
+    meant = per_source.filter(pl.col("others"), ~pl.col("far"), pl.col("changes") <= 2 + pl.col("days") / 60)["source"]
+    zero = pl.when(pl.col("source").fill_null("").is_in(meant.fill_null("").implode())).then(0)
+    return table.select(pl.when(pl.col("offset") == 0).then(zero).otherwise("offset")).to_series()
 
 
 def _whole(value: object) -> int | None:
     """A number of JSON as a whole one, in the range of times; None for anything else."""
-    number = finite(value)
+    number = number_in(value)
     return int(number) if number is not None and abs(number) < 1e14 else None
 
 
 def _usual_events(
-    items: list[dict[str, Any]], instants: list[Any], times: list[Any], answers: Answers
+    items: list[dict[str, Any]], instants: list[Any], times: pl.DataFrame, answers: Answers, notes: list[str]
 ) -> list[BasalEvent]:
     """Changes of the usual basal rate in the span of the treatments; each belongs to the row before it."""
-    with_zone = (
-        item.get("eventType") in (_TEMPORARY, SWITCH) or item.get("insulin") or item.get("carbs") for item in items
+    about_doses = (
+        item.get("eventType") and not _is_deleted(item) and (item.get("eventType") != "Note") for item in items
     )
-    rows = sorted(
-        (at, row)
-        for row, (at, time, use) in enumerate(zip(instants, times, with_zone, strict=True))
-        if at and time and use
-    )
+    rows = sorted((at, row) for row, (at, use) in enumerate(zip(instants, about_doses, strict=True)) if at and use)
     if not answers.basal_profiles or not rows:
         return []
+    zone = answers.time_zone or next(iter(zones_of(answers.basal_profiles)), None) or fixed_zone(times)
+    if zone is None:
+        notes.append("The profile names no time zone; its rates are taken by the clock in UTC.")
     switches = [(at.replace(tzinfo=UTC), items[row]) for at, row in rows if items[row].get("eventType") == SWITCH]
     first, last = (at.replace(tzinfo=UTC) for at in (rows[0][0], rows[-1][0]))
     events: list[BasalEvent] = []
-    for moment, rate in usual_rates(answers.basal_profiles, switches, first, last, answers.time_zone):
+    for moment, rate in usual_rates(answers.basal_profiles, switches, first, last, zone):
         if math.isnan(rate) and not events:
             continue
         at = moment.replace(tzinfo=None)
-        before, row = rows[bisect_right(rows, at, key=lambda pair: pair[0]) - 1]
-        events.append(BasalEvent(row=row, time=times[row] + (at - before), what="usual", value=rate))
+        _, row = rows[bisect_right(rows, at, key=lambda pair: pair[0]) - 1]
+        events.append(BasalEvent(row=row, time=at, what="usual", value=rate))
     return events
 
 
 def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEvent]:
-    """Temporary basal rates of the treatments; a duration of 0 ends one."""
+    """Temporary basal rates of the treatments, a duration of 0 ends one, and suspensions of the pump."""
     events = []
     for row, (item, time) in enumerate(zip(items, times, strict=True)):
-        if item.get("eventType") != _TEMPORARY or time is None:
+        event = str(item.get("eventType", ""))
+        if time is None or _is_deleted(item):
             continue
-        minutes, absolute, percent = (finite(item.get(name)) for name in ("duration", "absolute", "percent"))
-        absolute = finite(item.get("rate")) if absolute is None else absolute
-        if minutes is not None and minutes <= 0.0:
-            events.append(BasalEvent(row=row, time=time, what="end"))
-        elif minutes is not None and absolute is not None:
-            events.append(BasalEvent(row=row, time=time, what="absolute", value=absolute, minutes=minutes))
-        elif minutes is not None and percent is not None:
-            events.append(BasalEvent(row=row, time=time, what="percent", value=100.0 + percent, minutes=minutes))
+        minutes = _minutes(item)
+        if event == _TEMPORARY:
+            events += _temporary(item, row, time, minutes)
+        elif _SUSPEND.search(event) and not _RESUME.search(event):
+            if minutes:
+                events.append(BasalEvent(row=row, time=time, what="absolute", value=0.0, minutes=minutes))
+            else:
+                events.append(BasalEvent(row=row, time=time, what="suspend"))
+        elif _RESUME.search(event):
+            events.append(BasalEvent(row=row, time=time, what="resume"))
     return events
+
+
+def _temporary(item: dict[str, Any], row: int, time: Any, minutes: float | None) -> list[BasalEvent]:
+    """Temporary rate of a treatment; none if it tells no rate or no duration."""
+    absolute, percent, rate = (number_in(item.get(name)) for name in ("absolute", "percent", "rate"))
+    if minutes is None:
+        return []
+    if minutes <= 0.0:
+        return [BasalEvent(row=row, time=time, what="end")]
+    if item.get("temp") == "percent" or (item.get("isAbsolute") is False and percent is None):
+        whole = rate if rate is not None else None if percent is None else 100.0 + percent
+        return [] if whole is None else [BasalEvent(row=row, time=time, what="percent", value=whole, minutes=minutes)]
+    absolute = rate if absolute is None else absolute
+    if absolute is not None:
+        return [BasalEvent(row=row, time=time, what="absolute", value=absolute, minutes=minutes)]
+    if percent is not None:
+        return [BasalEvent(row=row, time=time, what="percent", value=100.0 + percent, minutes=minutes)]
+    return []

@@ -15,7 +15,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NamedTuple
 
-from glucoloop.records.extract import finite
+import polars as pl
+
+from glucoloop.records.clock import zone_named
+from glucoloop.records.extract import finite, number_in
 from glucoloop.records.file_text import FileText, json_of
 from glucoloop.refusal import Refusal
 
@@ -30,8 +33,8 @@ _MAX_MIN: Final = 1e7
 
 def profiles_of(content: FileText) -> list[dict[str, Any]]:
     """Profiles that a file holds; none if it is no list of profiles."""
-    items = content.json
-    if not isinstance(items, list):
+    items = content.items
+    if items is None:
         return []
     return [item for item in items if isinstance(item, dict) and isinstance(item.get("store"), dict)]
 
@@ -140,11 +143,12 @@ def _switched(
     schedule = _schedule(store.get(str(switch.get("profile"))), time_zone) or _schedule(stored_profile, time_zone)
     if schedule is None:
         return None
-    factor, hours = 1.0, 0
-    if stored_profile is not None:
-        factor = (finite(switch.get("percentage")) or 100.0) / 100.0
-        if not switch.get("CircadianPercentageProfile"):  # AndroidAPS 2, whose shift Nightscout does not use
-            hours = math.trunc((finite(switch.get("timeshift")) or 0.0) / _MS_PER_H)
+    percentage, hours = number_in(switch.get("percentage")) or 100.0, 0
+    if stored_profile is not None and not switch.get("CircadianPercentageProfile"):
+        hours = math.trunc(
+            (finite(switch.get("timeshift")) or 0.0) / _MS_PER_H
+        )  # AndroidAPS 3; Nightscout has no other
+    factor = percentage / 100.0 if percentage > 0.0 else 1.0
     return _Span(start, end, schedule, factor, timedelta(hours=math.fmod(hours, 24)))
 
 
@@ -165,7 +169,7 @@ def _schedule(value: object, time_zone: str | None) -> _Schedule | None:
             return None
         result[minute] = rate
     minutes = tuple(sorted(result))
-    zone = zone_of(value.get("timezone")) or zone_of(time_zone) or zoneinfo.ZoneInfo("UTC")
+    zone = zoneinfo.ZoneInfo(zone_named(value.get("timezone")) or zone_named(time_zone) or "UTC")
     return _Schedule(minutes, tuple(result[minute] for minute in minutes), zone)
 
 
@@ -175,28 +179,35 @@ def _minute(step: Mapping[str, Any]) -> int | None:
     if colon and hours.isdecimal() and rest[:2].isdecimal():
         minute = int(hours) * 60 + int(rest[:2])
     else:
-        seconds = finite(step.get("timeAsSeconds"))
+        seconds = number_in(step.get("timeAsSeconds"))
         minute = -1 if seconds is None else int(seconds // 60)
     return minute if 0 <= minute < _MIN_PER_DAY else None
 
 
 def _rate(value: object) -> float | None:
     """Rate of a step, which some programs write as a text."""
-    try:
-        number = finite(float(value) if isinstance(value, str) else value)
-    except ValueError:
-        return None
+    number = number_in(value)
     return number if number is not None and 0.0 <= number <= 100.0 else None
 
 
-def zone_of(name: object) -> zoneinfo.ZoneInfo | None:
-    """Time zone of a profile, which Loop writes like ``ETC/GMT+5``; None if it names none that is known."""
-    if not isinstance(name, str) or not name:
+def zones_of(profiles: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Time zones that profiles tell of the person, the newest first."""
+    zones = []
+    for profile in sorted(profiles, key=_begin, reverse=True):
+        store = profile["store"]
+        chosen = store.get(str(profile.get("defaultProfile"))) or next(iter(store.values()), None)
+        zone = zone_named(chosen.get("timezone")) if isinstance(chosen, dict) else None
+        if zone is not None:
+            zones.append(zone)
+    return list(dict.fromkeys(zones))
+
+
+def fixed_zone(times: pl.DataFrame) -> str | None:
+    """Zone of the offset from UTC that all times tell; None if they tell none, or several, or no whole hours."""
+    offsets = times["utc_offset_min"].drop_nulls().unique()
+    if len(offsets) != 1 or offsets[0] % 60:
         return None
-    try:
-        return zoneinfo.ZoneInfo(f"Etc/{name[4:]}" if name[:4].upper() == "ETC/" else name)
-    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
-        return None
+    return zone_named(f"Etc/GMT{-int(offsets[0]) // 60:+d}")
 
 
 def _begin(profile: Mapping[str, Any]) -> datetime:

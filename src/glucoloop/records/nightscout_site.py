@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
+from glucoloop.records.account import Account
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, json_of
 from glucoloop.records.nightscout import Nightscout
-from glucoloop.records.nightscout_profile import profiles_of, zone_of
+from glucoloop.records.nightscout_profile import profiles_of, zones_of
 from glucoloop.records.record import DeviceRecord
-from glucoloop.records.tidy import Account, record_of, settled
+from glucoloop.records.tidy import record_of, settled
 from glucoloop.records.web_request import Allowance, StatusError, address_of, get
 from glucoloop.refusal import Refusal
 
@@ -74,17 +75,14 @@ def read_nightscout(
     entries = list(site.all_of("entries", "date", lambda at: str(round(1000.0 * at.timestamp())), span))
     treatments = list(site.all_of("treatments", "created_at", _utc_text, span))
     profiles = profiles_of(FileText(json.dumps(site.page("profile", {}))))
-    zone = time_zone or _zone_of(profiles)
-    answers, account, frames = Answers(time_zone=zone, basal_profiles=tuple(profiles)), Account(), []
+    answers, account, frames = Answers(time_zone=time_zone, basal_profiles=tuple(profiles)), Account(), []
     for items in (entries, treatments):
         if items:
-            content = FileText(json.dumps(items))
-            frames.append(settled(Nightscout().rows(content, answers), answers, account))
+            extract = Nightscout().rows(FileText(json.dumps(items)), answers)
+            frames.append(settled(extract, extract.frame, answers, account))
     if not frames:
         raise Refusal(f"{site.name} has no entries and no treatments in these {days} days; ask for more days")
-    if zone and not time_zone:
-        account.notes.append(f"{zone} is the time zone of the site's profile.")
-    return record_of(frames, account)
+    return record_of(frames, zones_of(profiles), answers, account)
 
 
 class _Site:
@@ -150,13 +148,3 @@ def _identity(item: Mapping[str, Any]) -> str:
 
 def _utc_text(at: datetime) -> str:
     return f"{at.astimezone(UTC):%Y-%m-%dT%H:%M:%S.000Z}"
-
-
-def _zone_of(profiles: list[dict[str, Any]]) -> str | None:
-    """Time zone of the newest profile; None where it names none that is known."""
-    if not profiles:
-        return None
-    store = profiles[0]["store"]
-    chosen = store.get(str(profiles[0].get("defaultProfile"))) or next(iter(store.values()), None)
-    zone = zone_of(chosen.get("timezone")) if isinstance(chosen, dict) else None
-    return None if zone is None else zone.key

@@ -31,7 +31,6 @@ _KINDS: Final = {
     "sleep": "times of sleep",
     "work": "times of work",
 }
-_SPREAD: Final = ("square", "dual")
 
 
 class OhioT1DM(ReaderComponent, name="ohio-t1dm"):
@@ -64,12 +63,13 @@ class OhioT1DM(ReaderComponent, name="ohio-t1dm"):
             glucose=pl.col("value"),
             carbs=pl.col("grams"),
             bolus=pl.col("dose"),
+            bolus_min=pl.lit(_durations(events, times["time"].to_list(), ends["time"].to_list())),
             device=pl.when(pl.col("tag") == "glucose_level").then(pl.lit("Medtronic")),
             kind=pl.col("tag").replace_strict(_KINDS, default="events of other kinds", return_dtype=pl.String),
         )
-        spread = sum(any(word in about.get("type", "") for word in _SPREAD) for tag, about in events if tag == "bolus")
+        spread = int(result["bolus_min"].is_not_null().sum())
         if spread:
-            notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
+            notes.append(f"{spread} boluses are given over a time; bolus_min has that time.")
         counted = sum(
             _number(about.get("bwz_carb_input")) not in (None, 0.0) for tag, about in events if tag == "bolus"
         )
@@ -77,6 +77,19 @@ class OhioT1DM(ReaderComponent, name="ohio-t1dm"):
             notes.append(f"{counted} boluses name carbohydrate too; it was not used, for the meals have it.")
         rates = basal_rates(_basal_events(events, times["time"].to_list(), ends["time"].to_list()))
         return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=tuple(notes))
+
+
+def _durations(
+    events: list[tuple[str, dict[str, str]]], begun: list[datetime | None], ends: list[datetime | None]
+) -> pl.Series:
+    """Time over which each bolus is given [min]; null for one at once, as the normal part of a dual one."""
+    minutes = [
+        (end - time).total_seconds() / S_PER_MIN
+        if tag == "bolus" and "square" in about.get("type", "") and time is not None and end is not None and end > time
+        else None
+        for (tag, about), time, end in zip(events, begun, ends, strict=True)
+    ]
+    return pl.Series(minutes, dtype=pl.Float64)
 
 
 def _of(events: list[tuple[str, dict[str, str]]], tag: str, key: str) -> pl.Series:

@@ -19,6 +19,8 @@ class ReaderComponent(Component):
     """
 
     kind: ClassVar = "reader"
+    in_parts: ClassVar[bool] = False
+    """Whether what it reads of a person comes as several files, of which one alone has the readings."""
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file is one of its kind."""

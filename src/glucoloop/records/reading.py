@@ -1,64 +1,190 @@
-"""Reading of files: which reader takes each, and the record of what they found."""
+"""Reading of files: which reader takes each, whose the rows are, and the record of each person."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import polars as pl
 
 from glucoloop.component.setting import choices_text
+from glucoloop.records.account import Account
 from glucoloop.records.answers import Answers
+from glucoloop.records.any_table import AnyTable
+from glucoloop.records.extract import Extract
 from glucoloop.records.file_text import FileText, content_of, read_bytes
+from glucoloop.records.nightscout_profile import zones_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.readers import READERS
 from glucoloop.records.record import PARQUET, DeviceRecord, FileRefusal, record_from_parquet
-from glucoloop.records.tidy import Account, record_of, settled
+from glucoloop.records.tidy import record_of, settled
+from glucoloop.records.user_files import UserFile, files_of
 from glucoloop.refusal import Refusal
+from glucoloop.text import how_many, printable
 
 
-def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> DeviceRecord:
-    """Record of a person from all files; FileRefusal where there is none."""
+@dataclass(frozen=True)
+class _Recognised:
+    """A file with the reader that takes it."""
+
+    path: Path
+    content: FileText
+    reader: ReaderComponent
+
+
+def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> dict[str, DeviceRecord]:
+    """Record of each person by name, an empty one for files of one person; FileRefusal if there is none."""
     chosen = None if reader is None else READERS.choose(reader)
-    account, frames = Account(), list[pl.DataFrame]()
-    result: list[tuple[int, Path, FileText, ReaderComponent]] = []
-    for number, path in enumerate(paths, 1):
-        with _refusing(path):
-            data = read_bytes(path)
-            if data.startswith(PARQUET):
-                if len(paths) > 1:
-                    raise Refusal("it is a record that was read before; read it alone, or the first files together")
-                return record_from_parquet(data)
-            content = content_of(data)
-            own = chosen or _reader_of(content, answers)
-            with_profiles = own.with_profiles(content, answers)
-            if with_profiles is None:
-                result.append((number, path, content, own))
-            elif len(paths) == 1:
+    files: list[UserFile] = []
+    for path in paths:
+        with refusing(path):
+            files += files_of(path)
+    if any(file.data.startswith(PARQUET) for file in files):
+        record = next(file for file in files if file.data.startswith(PARQUET))
+        with refusing(record.path):
+            if len(files) > 1:
+                raise Refusal("it is a record that was read before; read it alone, or the first files together")
+            return {"": record_from_parquet(record.data)}
+    recognised, answers, notes = _recognised(files, chosen, answers)
+    extracts: list[Extract] = []
+    for file in recognised:
+        with refusing(file.path):
+            extract = file.reader.rows(file.content, answers)
+            extracts.append(replace(extract, notes=(*file.content.notes, *extract.notes)))
+    _refuse_names_in_no_file(recognised, extracts, answers)
+    zones = [*zones_of(answers.basal_profiles), *(zone for extract in extracts for zone in extract.zones)]
+    return {
+        name: _record(name, [file.path for file in recognised], extracts, zones, answers, notes)
+        for name in _people(recognised, extracts)
+    }
+
+
+def _recognised(
+    files: Sequence[UserFile], chosen: ReaderComponent | None, answers: Answers
+) -> tuple[list[_Recognised], Answers, list[str]]:
+    """Files with rows of their own, what the others tell about them, and notes on files of a folder that none takes."""
+    result: list[_Recognised] = []
+    unread: list[FileRefusal] = []
+    for file in files:
+        try:
+            with refusing(file.path):
+                content = content_of(file.data)
+                own = chosen or reader_of(content, answers)
+                with_profiles = own.with_profiles(content, answers)
+        except FileRefusal as error:
+            if not file.of_many:
+                raise
+            unread.append(error)
+            continue
+        if with_profiles is None:
+            result.append(_Recognised(file.path, content, own))
+        elif len(files) == 1:
+            with refusing(file.path):
                 raise Refusal(
                     "it has no readings, meals or insulin, only what helps to read other files; give those too"
                 )
-            else:
-                answers = with_profiles
-    for number, path, content, own in result:
+        else:
+            answers = with_profiles
+    if not result:
+        if unread:
+            raise unread[0]
+        with refusing(files[0].path):
+            raise Refusal("none of the files has readings, meals or insulin; give those too")
+    notes = [f"{how_many(len(unread), 'file')} of the folder or ZIP that no reader knows: not read."] if unread else []
+    return result, answers, notes
+
+
+def _refuse_names_in_no_file(files: Sequence[_Recognised], extracts: Sequence[Extract], answers: Answers) -> None:
+    """Refuse a column that is named and stands in none of several files."""
+    if len(files) < 2 or not answers.columns:
+        return
+    missing = set.intersection(*(set(extract.missing) for extract in extracts))
+    if missing:
+        raise FileRefusal(
+            [file.path for file in files],
+            Refusal(f"none of them has the column {min(missing)!r}; give the names as they stand in the files"),
+        )
+
+
+def _people(files: Sequence[_Recognised], extracts: Sequence[Extract]) -> list[str]:
+    """Names of the people of all files; one empty name for files of one person."""
+    each = [extract.frame["person"].drop_nulls().unique(maintain_order=True).to_list() for extract in extracts]
+    names = list(dict.fromkeys(name for own in each for name in own))
+    if len(names) > 1:
+        for file, own in zip(files, each, strict=True):
+            if not own:
+                with refusing(file.path):
+                    raise Refusal(
+                        f"it does not say whose its rows are, and the other files are of {len(names)} people; name its "
+                        "column of people with person_column (--person-column)"
+                    )
+        return names
+    return [""]
+
+
+def _record(
+    name: str,
+    paths: Sequence[Path],
+    extracts: Sequence[Extract],
+    zones: Sequence[str],
+    answers: Answers,
+    notes: Sequence[str],
+) -> DeviceRecord:
+    """Record of one person."""
+    account, frames = Account(notes=list(notes)), list[pl.DataFrame]()
+    for number, (path, extract) in enumerate(zip(paths, extracts, strict=True), 1):
         before = len(account.notes)
-        with _refusing(path):
-            account.notes += content.notes
-            frames.append(settled(own.rows(content, answers), answers, account))
-        if len(paths) > 1:
+        own = extract.frame.filter(pl.col("person") == name) if name else extract.frame
+        with refusing(path):
+            frames.append(settled(extract, own, answers, account))
+            nobody = int(extract.frame["person"].is_null().sum()) if name else 0
+            if nobody:
+                account.notes.append(f"{how_many(nobody, 'row')} of the file name nobody and are in no record.")
+        if len(extracts) > 1:
             account.notes[before:] = [f"File {number}: {note}" for note in account.notes[before:]]
     try:
-        return record_of(frames, account)
+        return record_of(frames, zones, answers, account)
     except Refusal as error:
-        raise FileRefusal(paths, error) from None
+        whose = Refusal(f"person {printable(name)!r}: {error.problem}", *error.remedies) if name else error
+        raise FileRefusal(list(dict.fromkeys(paths)), whose) from None
+
+
+def are_of_one_person(paths: Sequence[Path]) -> bool:
+    """Whether files are parts of what a program exports of one person, of which one alone has readings.
+
+    Refusal where several have readings and others none, since nothing says which belong together.
+    """
+    parts: list[bool] = []
+    for path in paths:
+        try:
+            data = read_bytes(path)
+            content = content_of(data)
+            reader = reader_of(content, Answers())
+            if not reader.in_parts:
+                return False
+            alone = reader.with_profiles(content, Answers()) is None
+            parts.append(alone and bool(reader.rows(content, Answers()).frame["glucose"].is_not_null().any()))
+        except Refusal:
+            return False
+    if all(parts) or len(parts) < 2:
+        return False
+    if sum(parts) > 1:
+        raise Refusal(
+            f"{sum(parts)} of the files have readings and {len(parts) - sum(parts)} have none, and nothing says whose "
+            "these are; put the files of each person into a folder of their own, and give the folder with these folders"
+        )
+    return True
 
 
 @contextlib.contextmanager
-def _refusing(path: Path) -> Iterator[None]:
+def refusing(path: Path) -> Iterator[None]:
     """Say of a refusal which file it is about."""
     try:
         yield
+    except FileRefusal:
+        raise
     except Refusal as error:
         raise FileRefusal([path], error) from None
 
@@ -66,19 +192,21 @@ def _refusing(path: Path) -> Iterator[None]:
 def reader_that_knows(path: Path) -> str | None:
     """Name of the reader that takes a file of a device, an app or a simulator; None if there is not one."""
     try:
-        return _reader_of(content_of(read_bytes(path)), Answers()).name
+        return reader_of(content_of(read_bytes(path)), Answers()).name
     except Refusal:
         return None
 
 
-def _reader_of(content: FileText, answers: Answers) -> ReaderComponent:
+def reader_of(content: FileText, answers: Answers) -> ReaderComponent:
     """Reader that takes a file; Refusal if there is none, or more than one."""
-    if answers.columns:
+    if answers.columns and AnyTable().has_columns(content, answers.columns):
         return READERS.choose("table")
     readers = [READERS.choose(name) for name in READERS.names()]
     result = [reader for reader in readers if reader.recognised(content)]
     if len(result) == 1:
         return result[0]
+    if answers.columns:
+        return READERS.choose("table")
     if result:
         names = [reader.name for reader in result]
         raise Refusal(f"it could be read by {' and by '.join(names)}", f"say which with reader={names[0]} (--reader)")
@@ -99,8 +227,8 @@ def _seen(content: FileText) -> str:
     if text.startswith("<"):
         return "it is XML or HTML"
     lines = content.text.count("\n") + 1
-    delimiter, most = max(((sign, content.head[0].count(sign)) for sign in (",", ";", "\t")), key=lambda pair: pair[1])
-    names = {",": "commas", ";": "semicolons", "\t": "tabs"}
+    names = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+    delimiter, most = max(((sign, content.head[0].count(sign)) for sign in names), key=lambda pair: pair[1])
     return (
         f"it is text of {lines} lines, the first of {most + 1} fields by {names[delimiter]}"
         if most

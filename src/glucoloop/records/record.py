@@ -13,18 +13,21 @@ from typing import Annotated, Final
 import polars as pl
 
 from glucoloop._representation import represented
-from glucoloop.records.answers import Answers, columns_from_text
+from glucoloop.records.answers import Answers, pairs_from_text
 from glucoloop.records.times import YEARS
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds, read_table, table_metadata
 from glucoloop.schema.values import ValueBounds, checked, json_value
+from glucoloop.units import MIN_PER_DAY
 
 LOWEST_MG_DL: Final = 20.0
 HIGHEST_MG_DL: Final = 800.0
 """Bounds of a reading: no sensor or meter shows less than 20 or more than 600 mg/dl, and the wider one is no number
 that mmol/l could be."""
-LARGEST_AMOUNTS: Final = {"carbs": 1000.0, "bolus": 100.0, "basal": 100.0}
-"""Largest amounts [g, U, U/h]: a pump gives up to 25 or 75 U at once, and up to 35 U/h."""
+LARGEST_AMOUNTS: Final = {"carbs": 1000.0, "bolus": 100.0, "long_acting": 300.0, "basal": 35.0}
+"""Largest amounts [g, U, U, U/h]: a pump gives up to 25 or 75 U at once, and up to 35 U/h; a pen up to 80 or 160 U."""
+_LARGEST_RATE_U_H: Final = 100.0
+"""Largest rate of a record, also of one that a simulator gives over a sample."""
 COLUMNS: Final = {
     "time": ColumnForm(
         kind=pl.Datetime("us"), at_least=datetime(YEARS[0], 1, 1), at_most=datetime(YEARS[1] + 1, 1, 8), optional=False
@@ -33,7 +36,9 @@ COLUMNS: Final = {
     "glucose_mg_dl": ColumnForm(kind=pl.Float64(), at_least=LOWEST_MG_DL, at_most=HIGHEST_MG_DL),
     "carbs_g": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["carbs"]),
     "bolus_U": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["bolus"]),
-    "basal_U_h": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["basal"], nan=True),
+    "bolus_min": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=MIN_PER_DAY),
+    "long_acting_U": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["long_acting"]),
+    "basal_U_h": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=_LARGEST_RATE_U_H, nan=True),
     "out_of_range": ColumnForm(kind=pl.String(), choices=("low", "high")),
     "device": ColumnForm(kind=pl.String()),
 }
@@ -42,6 +47,7 @@ SCHEMA: Final = {name: column.kind for name, column in COLUMNS.items()}
 """Columns of a record and their types."""
 PARQUET: Final = b"PAR1"
 """Bytes with which a Parquet file begins."""
+_LATER: Final = ("bolus_min", "long_acting_U")
 _METADATA: Final = "glucoloop_record"
 _BOUNDS: Final = TableBounds(least_rows=0, most_rows=5_000_000, columns=len(COLUMNS))
 """Size of a record: nine years of a reading a minute."""
@@ -82,6 +88,8 @@ class DeviceRecord:
     ``glucose_mg_dl``    reading of the sensor [mg/dl]; the limit of its range where ``out_of_range`` says so
     ``carbs_g``          carbohydrate that was entered or eaten at this time [g]
     ``bolus_U``          bolus of rapid-acting insulin given at this time [U]
+    ``bolus_min``        time over which that bolus is given [min]; null for one at once
+    ``long_acting_U``    dose of long-acting insulin, by a pen, at this time [U]
     ``basal_U_h``        basal rate from this time to the next row that has one [U/h]; NaN where it is not known from
                          here on, as after a temporary rate over an unknown usual one
     ``out_of_range``     ``low`` or ``high`` where the sensor could not tell a number
@@ -118,7 +126,7 @@ def record_from_parquet(data: bytes) -> DeviceRecord:
     """Record from the bytes of a Parquet file that `DeviceRecord.parquet` made; Refusal for any other."""
     try:
         about = checked(_About, json_value(table_metadata(data, _METADATA)))
-        frame = read_table(data, _BOUNDS, COLUMNS)
+        frame = _table(data)
         if not frame.height:
             raise Refusal("it has no row")
         if not frame["time"].is_sorted():
@@ -130,6 +138,19 @@ def record_from_parquet(data: bytes) -> DeviceRecord:
     return DeviceRecord(frame=frame, rows=about.rows, left_out=about.left_out, notes=about.notes)
 
 
+def _table(data: bytes) -> pl.DataFrame:
+    """Table of a record, also of one that was written before doses over a time and long-acting ones had columns."""
+    try:
+        return read_table(data, _BOUNDS, COLUMNS)
+    except Refusal as error:
+        if not error.problem.startswith("its columns are"):
+            raise
+    earlier = read_table(data, _BOUNDS, {name: form for name, form in COLUMNS.items() if name not in _LATER})
+    return earlier.select(
+        pl.col(name) if name in earlier.columns else pl.lit(None, kind).alias(name) for name, kind in SCHEMA.items()
+    )
+
+
 def read_record(
     *paths: str | Path,
     reader: str | None = None,
@@ -137,6 +158,8 @@ def read_record(
     glucose_unit: str | None = None,
     time_zone: str | None = None,
     columns: Mapping[str, str] | str | None = None,
+    file_units: Mapping[str, str] | str | None = None,
+    device: str | None = None,
     scans: bool = False,
 ) -> DeviceRecord:
     """Read the record of a person from one file or several, exported from a device, an app or a simulator.
@@ -147,7 +170,8 @@ def read_record(
     Parameters
     ----------
     *paths : str or Path
-        Files of one person, such as entries and treatments of Nightscout, or a record that `DeviceRecord` wrote.
+        Files of one person, such as entries and treatments of Nightscout, a folder or a ZIP of them, or a record that
+        `DeviceRecord` wrote.
     reader : str, optional
         Name of the reader, where it cannot be seen; ``glucoloop list readers`` has all.
     dates : {"day-first", "month-first"}, optional
@@ -159,7 +183,11 @@ def read_record(
         known where it tells local times.
     columns : mapping or str, optional
         Names of columns of any other table, as ``{"time": "Zeit", "glucose_mg_dl": "BZ"}`` or
-        ``"time=Zeit,glucose_mg_dl=BZ"``.
+        ``"time=Zeit,glucose_mg_dl=BZ"``. Files with other names have them with a bar between, as ``time=Zeit|Uhrzeit``.
+    file_units : mapping or str, optional
+        Units of amounts, where they are not g, U and U/h, as ``"basal=mU/h,carbs=10g"``.
+    device : str, optional
+        Device whose readings are used, where several read at the same time, by the name that the notes have.
     scans : bool
         Whether scans of a Libre are kept beside the readings that it stores by itself.
 
@@ -167,19 +195,89 @@ def read_record(
     -------
     DeviceRecord
         The record, whose frame has the columns ``time``, ``utc_offset_min``, ``glucose_mg_dl``, ``carbs_g``,
-        ``bolus_U``, ``basal_U_h``, ``out_of_range`` and ``device``.
+        ``bolus_U``, ``bolus_min``, ``long_acting_U``, ``basal_U_h``, ``out_of_range`` and ``device``.
 
     Raises
     ------
     FileRefusal
-        If a file cannot be read, no reader or more than one takes it, or it leaves something open that matters.
+        If a file cannot be read, no reader or more than one takes it, it leaves something open that matters, or it is a
+        table of several people.
     Refusal
         If what was given is not possible.
+    """
+    people = read_people(
+        *paths,
+        reader=reader,
+        dates=dates,
+        glucose_unit=glucose_unit,
+        time_zone=time_zone,
+        columns=columns,
+        file_units=file_units,
+        device=device,
+        scans=scans,
+    )
+    if len(people) > 1:
+        raise FileRefusal(
+            [Path(path) for path in paths],
+            Refusal(f"it is of {len(people)} people", "read them with read_people, which gives one record each"),
+        )
+    [record] = people.values()
+    return record
+
+
+def read_people(
+    *paths: str | Path,
+    person_column: str | None = None,
+    reader: str | None = None,
+    dates: str | None = None,
+    glucose_unit: str | None = None,
+    time_zone: str | None = None,
+    columns: Mapping[str, str] | str | None = None,
+    file_units: Mapping[str, str] | str | None = None,
+    device: str | None = None,
+    scans: bool = False,
+) -> dict[str, DeviceRecord]:
+    """Read the records of several people from tables with a column that says whose each row is.
+
+    Parameters
+    ----------
+    *paths : str or Path
+        Files in which the people have the same names.
+    person_column : str, optional
+        Name of that column, where it cannot be seen.
+    reader, dates, glucose_unit, time_zone, columns, file_units, device, scans
+        As of `read_record`.
+
+    Returns
+    -------
+    dict
+        Record of each person by the name in the column, in the order of the file; under an empty name where no column
+        tells of people.
+
+    Raises
+    ------
+    FileRefusal
+        As `read_record`, but not for several people.
     """
     from glucoloop.records.reading import read_files
 
     if not paths:
         raise Refusal("no file is given; give the path of one")
-    named = columns_from_text(columns) if isinstance(columns, str) else dict(columns or {})
-    answers = Answers(dates=dates, glucose_unit=glucose_unit, time_zone=time_zone, columns=named, scans=scans)
+    named, said = (
+        pairs_from_text(pairs, what, example) if isinstance(pairs, str) else dict(pairs or {})
+        for pairs, what, example in (
+            (columns, "columns", "time=Zeit,glucose_mg_dl=BZ"),
+            (file_units, "file_units", "basal=mU/h,carbs=10g"),
+        )
+    )
+    answers = Answers(
+        dates=dates,
+        glucose_unit=glucose_unit,
+        time_zone=time_zone,
+        columns=named,
+        file_units=said,
+        device=device,
+        person_column=person_column,
+        scans=scans,
+    )
     return read_files([Path(path) for path in paths], reader, answers)

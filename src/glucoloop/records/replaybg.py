@@ -48,5 +48,6 @@ class ReplayBG(ReaderComponent, name="replaybg"):
                 kind=pl.lit("samples without a reading"),
             ),
             glucose_unit="mg/dl",
+            largest_basal_U_h=100.0,
             notes=(*table.notes, *notes),
         )

@@ -50,5 +50,6 @@ class Simglucose(ReaderComponent, name="simglucose"):
                 kind=pl.lit("samples without a reading"),
             ),
             glucose_unit="mg/dl",
+            largest_basal_U_h=100.0,
             notes=(*table.notes, *notes),
         )

@@ -14,10 +14,11 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import device_kinds
-from glucoloop.records.extract import Extract, cells, extract_frame, finite, with_basal
+from glucoloop.records.extract import Extract, cells, extract_frame, finite, number_in, with_basal, with_doses
 from glucoloop.records.file_text import FileText
+from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.reader import ReaderComponent
-from glucoloop.records.times import TIME, from_utc, times_of
+from glucoloop.records.times import from_utc, times_of
 from glucoloop.units import MG_DL_PER_MMOL_L, S_PER_MIN
 
 _TYPES: Final = ("cbg", "smbg", "basal", "bolus", "wizard", "food", "upload", "pumpSettings", "deviceEvent")
@@ -38,8 +39,8 @@ class Tidepool(ReaderComponent, name="tidepool"):
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file is a list of data of Tidepool."""
-        items = content.json
-        if not isinstance(items, list):
+        items = content.items
+        if items is None:
             return False
         first = [item for item in items[:50] if isinstance(item, dict)]
         return any(item.get("type") in _TYPES and "time" in item and "sgv" not in item for item in first)
@@ -52,10 +53,15 @@ class Tidepool(ReaderComponent, name="tidepool"):
             {
                 "type": cells(item.get("type") for item in items),
                 "value": cells(_glucose(item) if item.get("type") == "cbg" else None for item in items),
-                "dose": cells(_dose(item) if item.get("type") == "bolus" else None for item in items),
+                "bolus": cells(
+                    item.get("normal") if item.get("type") == "bolus" else _injected(item, long=False) for item in items
+                ),
+                "long_acting": cells(_injected(item, long=True) for item in items),
                 "grams": cells(_grams(item) for item in items),
+                "named": cells(_named(item) for item in items),
                 "mark": cells(_mark(item) if item.get("type") == "cbg" else None for item in items),
-                "source": cells(item.get("deviceModel") or item.get("deviceId") for item in items),
+                "device": cells(item.get("deviceModel") or item.get("deviceId") for item in items),
+                "source": cells(_source(item) for item in items),
             }
         )
         result = extract_frame(
@@ -63,38 +69,83 @@ class Tidepool(ReaderComponent, name="tidepool"):
             times,
             glucose=pl.col("value"),
             carbs=pl.col("grams"),
-            bolus=pl.col("dose"),
+            bolus=pl.col("bolus"),
+            long_acting=pl.col("long_acting"),
             out_of_range=pl.when(pl.col("mark").is_in(("low", "high"))).then("mark"),
-            device=pl.lit(device_kinds(source["source"], "other")),
-            kind=pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String),
+            device=pl.lit(device_kinds(source["device"], "other")),
+            source=pl.col("source"),
+            kind=pl.coalesce(
+                "named",
+                pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String),
+            ),
         )
+        extended = [(row, *dose) for row, item in enumerate(items) if (dose := _extended(item)) is not None]
+        result = with_doses(result, extended)
         for mark in ("low", "high"):
             count = result.filter(pl.col("out_of_range") == mark).height
             if count:
                 notes.append(f"{count} readings are marked as {mark}er than the sensor can read.")
-        spread = sum(item.get("type") == "bolus" and bool(finite(item.get("extended"))) for item in items)
-        if spread:
-            notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
-        events = _basal_events(items, result["time"].to_list())
-        return Extract(frame=with_basal(result, basal_rates(events)), glucose_unit="mg/dl", notes=tuple(notes))
+        if extended:
+            notes.append(
+                f"{len(extended)} boluses are given over a time, in part or as a whole; bolus_min has that time."
+            )
+        events = _basal_events(items, times["time"].to_list())
+        zones = dict.fromkeys(
+            str(item["timezone"]) for item in items if item.get("type") == "upload" and item.get("timezone")
+        )
+        return Extract(
+            frame=with_basal(result, basal_rates(events)),
+            glucose_unit="mg/dl",
+            notes=tuple(notes),
+            zones=tuple(zones) if len(zones) == 1 else (),
+        )
 
 
 def _times(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.DataFrame, list[str]]:
-    """Local time and offset: of the zone asked for, or as the clock of the device showed it."""
-    with_zone, notes = times_of(cells(item.get("time") for item in items), answers)
+    """Instant in UTC of each datum, and the offset of the clock on the wall, from either of the two that tell it."""
+    instants, notes = times_of(cells(item.get("time") for item in items), answers)
     shown, _ = times_of(cells(item.get("deviceTime") for item in items), answers)
-    instants = with_zone.select(
-        pl.col("time") - pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us")
-    ).to_series()
     offsets = pl.Series([finite(item.get("timezoneOffset")) for item in items], dtype=pl.Float64)
-    offsets = offsets.cast(pl.Int64, strict=False)
-    between = (shown["time"] - instants).dt.total_minutes()
-    known = pl.select(pl.coalesce(offsets, between).fill_null(0)).to_series()
-    known = pl.select(pl.when(known.is_between(-840, 840)).then(known).otherwise(0)).to_series()
-    times, more = from_utc(instants, known, answers)
-    if answers.time_zone is None:
-        times = times.with_columns(time=pl.coalesce(shown["time"], times["time"]).cast(TIME))
-    return times, [*notes, *more]
+    between = (shown["time"] - instants["time"]).dt.total_minutes()
+    known = pl.select(pl.coalesce(offsets.cast(pl.Int64, strict=False), between)).to_series()
+    known = pl.select(pl.when(known.is_between(-840, 840)).then(known)).to_series()
+    return from_utc(instants["time"], known), notes
+
+
+def _source(item: dict[str, Any]) -> str | None:
+    """Device or app that made a datum; a bolus wizard is another source than food."""
+    device = item.get("deviceId") or item.get("deviceModel")
+    kind = item.get("type") if item.get("type") in ("wizard", "food") else ""
+    return f"{kind}|{device}" if device or kind else None
+
+
+def _named(item: dict[str, Any]) -> str | None:
+    """Words for a datum whose insulin is no dose; None for others."""
+    if item.get("type") == "deviceEvent":
+        kind = item.get("subType")
+        if kind == "prime":
+            return "insulin that fills a tube or a cannula, which nobody gets"
+        if kind == "status":
+            return "suspensions and resumptions of the pump, which its basal rates tell"
+    return "doses of insulin without a number" if item.get("type") in ("bolus", "insulin") else None
+
+
+def _injected(item: dict[str, Any], *, long: bool) -> Any:
+    """Dose of a pen, of long-acting insulin or of another one."""
+    dose, of = item.get("dose"), item.get("formulation")
+    if item.get("type") != "insulin" or not isinstance(dose, dict):
+        return None
+    kind = of.get("simple") if isinstance(of, dict) else None
+    words = f"{kind.get('actingType')} {kind.get('brand')}" if isinstance(kind, dict) else str(of)
+    return dose.get("total") if (words.startswith(("long", "intermediate")) or is_long_acting(words)) is long else None
+
+
+def _extended(item: dict[str, Any]) -> tuple[float, float] | None:
+    """Insulin that a bolus gives over a time [U], and that time [min]; None if it gives none so."""
+    if item.get("type") != "bolus":
+        return None
+    dose, duration = number_in(item.get("extended")), number_in(item.get("duration"))
+    return (dose, (duration or 0.0) / _MS_PER_MIN) if dose else None
 
 
 def _glucose(item: dict[str, Any]) -> Any:
@@ -113,14 +164,6 @@ def _mark(item: dict[str, Any]) -> Any:
     return None
 
 
-def _dose(item: dict[str, Any]) -> Any:
-    doses = [item[name] for name in ("normal", "extended") if item.get(name) is not None]
-    numbers = [finite(dose) for dose in doses]
-    if not doses or None in numbers:
-        return doses[0] if doses else None
-    return sum(number for number in numbers if number is not None)
-
-
 def _grams(item: dict[str, Any]) -> Any:
     if item.get("type") == "wizard":
         return item.get("carbInput")
@@ -130,13 +173,22 @@ def _grams(item: dict[str, Any]) -> Any:
     return value
 
 
+def _rate(item: dict[str, Any]) -> float | None:
+    """Basal rate of a segment [U/h], also of one that tells a share of the rate that it takes the place of."""
+    rate, share, instead = finite(item.get("rate")), finite(item.get("percent")), item.get("suppressed")
+    if rate is None and share is not None and isinstance(instead, dict):
+        usual = _rate(instead)
+        return None if usual is None else share * usual
+    return rate
+
+
 def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEvent]:
     events = []
     for row, (item, time) in enumerate(zip(items, times, strict=True)):
         if item.get("type") != "basal" or time is None:
             continue
         suspended = item.get("deliveryType") == "suspend"
-        rate, duration = 0.0 if suspended else finite(item.get("rate")), finite(item.get("duration"))
+        rate, duration = 0.0 if suspended else _rate(item), finite(item.get("duration"))
         if rate is not None and duration is not None and duration >= 0.0:
             events.append(BasalEvent(row=row, time=time, what="absolute", value=rate, minutes=duration / _MS_PER_MIN))
     return events

@@ -1,4 +1,4 @@
-"""Times of a file: the order of day and month, time zones, and the hour that a clock repeats in autumn."""
+"""Times of a file from its texts: the order of day and month, and offsets from UTC."""
 
 from __future__ import annotations
 
@@ -18,22 +18,21 @@ _PATTERN: Final = (
 )
 _WRITTEN: Final = ("%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S", "%Y/%m/%d %H:%M:%S")
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-YEARS: Final = (1970, 2199)
-"""First and last year of a time."""
-_MAX_STEPS_BACK: Final = 12
-"""Number of steps back in time up to which the rows of a file are in the order of time."""
+YEARS: Final = (1000, 9998)
+"""First and last year of a time: a study shifts its dates by as much as it likes."""
 
 
 def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) -> tuple[pl.DataFrame, list[str]]:
-    """Local time and offset of each text, null where it is no time, and notes.
+    """Time of each text, null where it is no time, whether it is in UTC, its offset from UTC, and notes.
 
-    Times may be in any common order and with or without an offset from UTC. `usual` is the order of day and month that
-    the program that wrote the file always has. Refusal if day and month could be either.
+    Times may be in any common order. One with an offset is brought to UTC; an offset of 0 says no more than that, since
+    programs write it whatever the clock on the wall shows. `usual` is the order of day and month that the program that
+    wrote the file always has. Refusal if day and month could be either.
     """
     for written in _WRITTEN:
         whole = texts.str.to_datetime(written, time_unit="us", strict=False)
         if whole.null_count() == texts.null_count():  # as most files have them, and many times faster
-            return whole.to_frame("time").with_columns(utc_offset_min=pl.lit(None, pl.Int32)), []
+            return whole.to_frame("time").with_columns(in_utc=pl.lit(False), utc_offset_min=pl.lit(None, pl.Int32)), []
     parts = _parts(texts)
     order, notes = _order(parts, texts, answers.dates, usual)
     day_first = pl.col("year_first") | pl.col("named") | (order == DAY_FIRST)
@@ -57,7 +56,13 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
     since = pl.duration(hours="hour", minutes="minute", seconds="second", microseconds="micro", time_unit="us")
     # The thirtieth of February is no day: it must not become one of March.
     time = pl.when(date.dt.month() == pl.col("month").cast(pl.Int8)).then(date + since)
-    return parts.select(time=time.cast(TIME), utc_offset_min="offset"), notes
+    result = parts.select(time=time.cast(TIME), utc_offset_min="offset")
+    in_utc = pl.col("utc_offset_min").is_not_null()
+    return result.select(
+        time=pl.col("time") - pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us"),
+        in_utc=in_utc,
+        utc_offset_min=pl.when(pl.col("utc_offset_min") != 0).then("utc_offset_min"),
+    ), notes
 
 
 def _parts(texts: pl.Series) -> pl.DataFrame:
@@ -122,94 +127,15 @@ def clock(time: object) -> str:
     return f"{time:%Y-%m-%d %H:%M}" if isinstance(time, datetime) else "an unknown time"
 
 
-def from_utc(instants: pl.Series, offsets: pl.Series | None, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
-    """Local time of instants in UTC: in the zone that is asked for, or by the offsets [min] that the file has."""
-    frame = pl.DataFrame({"instant": instants.cast(TIME)})
-    frame = frame.select(pl.when(pl.col("instant").dt.year().is_between(*YEARS)).then("instant"))
-    if answers.time_zone is not None:
-        there = pl.col("instant").dt.replace_time_zone("UTC").dt.convert_time_zone(answers.time_zone)
-        offset = (there.dt.base_utc_offset() + there.dt.dst_offset()).dt.total_minutes().cast(pl.Int32)
-        table = frame.select(time=there.dt.replace_time_zone(None), utc_offset_min=offset)
-        return table, [f"Times in UTC were brought to {answers.time_zone}."]
-    known = pl.Series([None] * len(instants), dtype=pl.Int32) if offsets is None else offsets.cast(pl.Int32)
-    notes = []
-    if not (known.fill_null(0) != 0).any():
-        notes.append(
-            "Times are in UTC, for the file tells no other; the time zone of the person brings them to the time on the "
-            "wall."
-        )
-    shift = pl.duration(minutes=pl.lit(known.fill_null(0)).cast(pl.Int64), time_unit="us")
-    return frame.select(time=pl.col("instant") + shift, utc_offset_min=pl.lit(known.fill_null(0))), notes
+def from_utc(instants: pl.Series, offsets: pl.Series | None = None) -> pl.DataFrame:
+    """Times of instants in UTC, with the offset [min] of the clock on the wall, null where the file does not tell it.
 
-
-def settled_clock(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
-    """Rows with the offset of their time, and whether they are of the second pass of an hour that the clock repeats.
-
-    The rows are in the order of the file. A second pass is seen from the clock's going back within a file whose rows
-    are otherwise in the order of time, or in the reverse one.
+    They are brought to the wall when all files of a person are read, by `clock.on_one_clock`.
     """
-    frame, result = _with_second_pass(frame)
-    notes = []
-    if result:
-        first = clock(frame.filter("second_pass")["time"].min())
-        count = frame["second_pass"].sum()
-        notes.append(
-            f"The clock went back in {result} place{'s' if result > 1 else ''}, first at {first}: "
-            f"{count} readings of a repeated hour are kept beside those of the first pass."
-        )
-    unknown = pl.col("utc_offset_min").is_null() & pl.col("time").is_not_null()
-    if answers.time_zone is None or not frame.select(unknown.any()).item():
-        return frame, notes
-    zone = answers.time_zone
-    early, late = (
-        pl.col("time").dt.replace_time_zone(zone, ambiguous=which, non_existent="null")
-        for which in ("earliest", "latest")
+    frame = pl.DataFrame({"time": instants.cast(TIME)})
+    offset = pl.lit(None, pl.Int32) if offsets is None else pl.lit(offsets.cast(pl.Int32))
+    return frame.select(
+        time=pl.when(pl.col("time").dt.year().is_between(*YEARS)).then("time"),
+        in_utc=pl.lit(True),
+        utc_offset_min=offset,
     )
-
-    def offset(there: pl.Expr) -> pl.Expr:
-        return (there.dt.base_utc_offset() + there.dt.dst_offset()).dt.total_minutes().cast(pl.Int32)
-
-    frame = frame.with_columns(_early=offset(early), _late=offset(late))
-    repeated = pl.col("_early") != pl.col("_late")
-    settled = pl.when("second_pass").then("_late").otherwise("_early")
-    with_zone = pl.col("second_pass").any().over(pl.col("time").dt.date()) & pl.col("glucose_mg_dl").is_not_null()
-    frame = frame.with_columns(_open=unknown & repeated & ~with_zone, _gone=unknown & pl.col("_early").is_null())
-    open_rows, gone = int(frame["_open"].fill_null(False).sum()), int(frame["_gone"].fill_null(False).sum())
-    frame = frame.with_columns(
-        utc_offset_min=pl.when(pl.col("_open")).then(None).when(unknown).then(settled).otherwise("utc_offset_min")
-    )
-    if open_rows:
-        notes.append(
-            f"{open_rows} rows lie in an hour that {zone} has twice, and nothing says in which of the two: their "
-            "offset from UTC is left unknown."
-        )
-    if gone:
-        notes.append(f"{gone} rows lie in an hour that {zone} skips; their offset from UTC is left unknown.")
-    return frame.drop("_early", "_late", "_open", "_gone"), notes
-
-
-def _with_second_pass(frame: pl.DataFrame) -> tuple[pl.DataFrame, int]:
-    """Rows marked as of a second pass, and the number of places where the clock goes back."""
-    frame = frame.with_columns(second_pass=pl.lit(False))
-    read = pl.col("glucose_mg_dl").is_not_null() & pl.col("time").is_not_null() & pl.col("utc_offset_min").is_null()
-    marked: list[pl.DataFrame] = []
-    for rows in frame.with_row_index("_at").filter(read).partition_by("device", "kind"):
-        steps = rows["time"].diff().dt.total_minutes()
-        if (steps < 0).sum() > (steps > 0).sum():
-            rows = rows.reverse()
-            steps = rows["time"].diff().dt.total_minutes()
-        if (steps < 0).sum() > _MAX_STEPS_BACK:
-            continue
-        back = ((steps <= -30) & (steps >= -90)).arg_true()
-        for place in back:
-            before = rows["time"][place - 1]
-            after = rows.slice(place).filter(pl.col("time").cum_max() <= before)
-            copies = after.join(rows.slice(0, place), on=["time", "glucose_mg_dl"], how="semi").height
-            if 2 * copies > after.height:  # a part of the file that is there twice
-                continue
-            marked.append(after.select("_at", place=pl.lit(len(marked))))
-    if not marked:
-        return frame, 0
-    second = pl.concat(marked)["_at"]
-    at = pl.int_range(pl.len(), dtype=pl.UInt32)
-    return frame.with_columns(second_pass=at.is_in(second.implode())), len(marked)

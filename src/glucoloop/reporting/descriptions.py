@@ -84,7 +84,7 @@ def controllers_facts(
 def _case_in_words(case: Case, distinguished: Iterable[str] = (), start_min: float = 0.0) -> str:
     """A controller with its guard, its faults, and its settings but those that are told apart."""
     parts = [
-        f"{case.controller.called}, {case.controller.summary}",
+        f"{case.controller.display_name}, {case.controller.summary}",
         _settings({key: value for key, value in case.tuning.items() if key not in distinguished and value != ""}),
         f"acts every {case.every_min:g} min" if case.every_min is not None else "",
         "knows the dead time" if case.known_dead_time else "",
@@ -134,7 +134,7 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
         f"at the site {situation.site}" if situation.site else "",
     ]
     pump_parts = [
-        *([] if pump.called == PUMPS.usual else [pump.called, *beside_limits]),
+        *([] if pump.display_name == PUMPS.default else [pump.display_name, *beside_limits]),
         f"{least:g} to {most:g} mU/min{per_hour if subcutaneous else ''}",
         f"a change of at most {float(limits.max_change_mU_min):g} mU/min in a sample",
         f"steps of {pump.resolution_mU_min:g} mU/min" if pump.resolution_mU_min else "",
@@ -147,7 +147,7 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
         if situation.miscounts:
             meals += f" with an error of {situation.carb_error_pct:g} % and a bias of {situation.carb_bias_pct:g} %"
     return {
-        "Patient": f"{situation.patient.called} at {situation.patient.rests_at}",
+        "Patient": f"{situation.patient.display_name} at {situation.patient.rests_at}",
         "Setpoint": f"{situation.target_mg_dl:.4g} mg/dl",
         "Meals": meals,
         **({"Habits": "; ".join(habit.text for habit in situation.habits)} if situation.habits else {}),

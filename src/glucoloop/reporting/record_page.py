@@ -226,9 +226,9 @@ def _weekday(readings: Readings, day: int) -> int:
 def _day(readings: Readings, day: int, goals: Goals, most: int) -> dict[str, Any]:
     """Path of the curve of a day, and its time in the target range."""
     chosen = slice(*np.searchsorted(readings.day, [day, day + 1]))
-    t, glucose = readings.t_min[chosen] - MIN_PER_DAY * day, readings.glucose_mg_dl[chosen]
+    t, glucose = readings.clock_min[chosen] - MIN_PER_DAY * day, readings.glucose_mg_dl[chosen]
     low, high = goals.target_mg_dl
-    within = 100.0 * float(np.mean((glucose >= low) & (glucose <= high)))
+    within = 100.0 * readings.between(chosen.start, chosen.stop).mean((glucose >= low) & (glucose <= high))
     return {
         "name": readings.date(day),
         "within": percent(within),

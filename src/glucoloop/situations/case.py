@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from glucoloop.component.base import Component, read
 from glucoloop.component.effects import DEAD_TIME, Need
-from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, part_text, place
+from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, component_text, place
 from glucoloop.component.setting import About, Value
 from glucoloop.control.catalogue import CONTROLLERS, DEFAULT_CONTROLLER
 from glucoloop.control.guard_settings import GuardSettings, guard_of
@@ -65,7 +65,7 @@ class Case(Component):
 
     def __post_init__(self) -> None:
         if not self.label.strip():
-            object.__setattr__(self, "label", part_text(self.controller.tree()))
+            object.__setattr__(self, "label", component_text(self.controller.tree()))
         if not is_printable(self.label):
             raise Refusal(f"the label {self.label!r} cannot be printed in a line; leave out its control characters")
 
@@ -79,7 +79,7 @@ class Case(Component):
             from glucoloop.control.pace import samples_of_pace
 
             samples_of_pace(self.every_min, situation.sample_time_min)
-        guard = self.guard if "guard" in self.given else guard
+        guard = self.guard if "guard" in self.explicit else guard
         model = self.model if self.model is not None else model
         if isinstance(model, IdentifiedComponent) or (model is None and controller.uses_model):
             usual = patient.identification(pace_min)
@@ -90,14 +90,14 @@ class Case(Component):
             model = model.completed()
         whole = type(self)(
             controller=controller.completed(patient.usual_of(controller.name), noisy=situation.noisy),
-            label=self.label or part_text(controller.tree()),
+            label=self.label or component_text(controller.tree()),
             known_dead_time=self.known_dead_time,
             guard=None if guard is None else guard_of(patient, guard),
             model=model,
             every_min=self.every_min,
             faults=tuple(fault.completed() for fault in self.faults),
         )
-        return whole._noted(self.given, self.where, self.called)
+        return whole._noted(self.explicit, self.source, self.display_name)
 
     def tree(self, *, whole: bool = False) -> Tree:
         """The controller, with what else is of the case among its settings."""
@@ -128,11 +128,11 @@ def _beside() -> Mapping[str, str]:
 
 
 class _Cases:
-    """Reader of cases, of which a part's settings are shared between the controller and the case."""
+    """Reader of cases, of which a component's settings are shared between the controller and the case."""
 
-    def tree(self, text: str, where: str = "") -> Tree:
+    def tree(self, text: str, source: str = "") -> Tree:
         """Tree of a case from its text."""
-        return CONTROLLERS.tree(text, where)
+        return CONTROLLERS.tree(text, source)
 
     def read(self, tree: Any, *, allow_unusual: bool = True) -> Case:
         """A case from its tree, or from its text as a leaf of one."""
@@ -147,11 +147,11 @@ class _Cases:
         for name in _beside().values():
             if name in designed.settings():
                 raise Refusal(
-                    f"the controller {designed.called} has a setting {name!r}, which every case has already; its "
+                    f"the controller {designed.display_name} has a setting {name!r}, which every case has already; its "
                     "author has to give it another name"
                 )
         case = read(Case, of_case, allow_unusual=allow_unusual)
-        return Case.partial({**case.given, "controller": designed}, place(tree))
+        return Case.partial({**case.explicit, "controller": designed}, place(tree))
 
 
 Case.catalogue = _Cases()  # type: ignore[attr-defined]

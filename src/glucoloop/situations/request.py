@@ -18,7 +18,7 @@ P = TypeVar("P", bound=Component)
 def read_root(root: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = False) -> P:
     """A request with bounds and types checked; implausible values are refused unless they were allowed."""
     prepared = getattr(root, "prepared", dict)(tree)
-    return read(root, prepared, allow_unusual=allow_unusual or plain(tree.get("allow_unusual")) is True, where="")
+    return read(root, prepared, allow_unusual=allow_unusual or plain(tree.get("allow_unusual")) is True, source="")
 
 
 def request_from(root: type[P], tree: Mapping[str, Any]) -> P:

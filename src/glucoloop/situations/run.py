@@ -81,7 +81,7 @@ class ControlledSituation(Situation):
         if len(labels) > _MAX_CASES and type(self).few_cases:
             raise Refusal(f"{len(labels)} controllers at once are too many; give at most {_MAX_CASES}")
         if self.model is not None and not any(case.model is not None for case in self.cases):
-            used = ", ".join(dict.fromkeys(case.controller.called for case in self.cases))
+            used = ", ".join(dict.fromkeys(case.controller.display_name for case in self.cases))
             raise Refusal(f"a model is given, but none of these controllers uses one: {used}; leave it out")
 
     few_cases: ClassVar[bool] = True
@@ -153,10 +153,10 @@ class FedSituation(DaySettings, ControlledSituation):
         super().__post_init__()
         object.__setattr__(self, "exercise", same_exercise(self.exercise))
         if self.exercise:
-            refuse_exercise(self.nominal, self.patient.called)
+            refuse_exercise(self.nominal, self.patient.display_name)
         object.__setattr__(self, "habits", tuple(habit.completed() for habit in self.habits))
         object.__setattr__(self, "meals", same_meals(self.meals))
-        alone = next((habit.called for habit in self.habits if habit.of_announcements), None)
+        alone = next((habit.display_name for habit in self.habits if habit.of_announcements), None)
         if alone is not None and not self.announce_meals:
             raise Refusal(
                 f"the habit {alone} concerns announced meals only",
@@ -181,9 +181,9 @@ class FedSituation(DaySettings, ControlledSituation):
                     f"the scenario has {name}, which is no part of a {self.kind}; leave it out of the scenario"
                 )
         usual = {**(usual or {}), **{name: Default(value) for name, value in of_scenario.items()}}
-        if self.given.get("days") is not None:
+        if self.explicit.get("days") is not None:
             usual["duration_min"] = Default(None)
-        elif self.given.get("duration_min") is not None:
+        elif self.explicit.get("duration_min") is not None:
             usual["days"] = Default(None)
         return super().completed(usual, noisy=noisy)
 
@@ -314,7 +314,7 @@ class FedSituation(DaySettings, ControlledSituation):
         from glucoloop.situations.meal_text import refuse_unusual_meals
 
         super().refuse_unusual()
-        refuse_unusual_meals(self.given.get("meals", ()), self.horizon_min)
+        refuse_unusual_meals(self.explicit.get("meals", ()), self.horizon_min)
 
 
 class Run(FedSituation):
@@ -353,7 +353,7 @@ class Run(FedSituation):
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
         """The run with everything that is usual; for days that were given, the usual meals are those of a day."""
-        of_days = {"meals": Default(DEFAULT_DAY)} if self.given.get("days") is not None else {}
+        of_days = {"meals": Default(DEFAULT_DAY)} if self.explicit.get("days") is not None else {}
         return super().completed({**of_days, **(usual or {})}, noisy=noisy)
 
     def uses(self) -> frozenset[Need]:

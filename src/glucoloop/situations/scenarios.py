@@ -118,12 +118,12 @@ class ScenarioComponent(DaySettings):
 class _Scenarios(Catalogue[ScenarioComponent]):
     """The scenarios; a text that ends in ``.toml`` is the path of a file."""
 
-    def tree(self, text: str, where: str = "") -> Tree:
+    def tree(self, text: str, source: str = "") -> Tree:
         """Tree of a scenario from its text, or from the file that it names."""
         if Path(text.strip()).suffix != ".toml":
-            return super().tree(text, where)
+            return super().tree(text, source)
         keys = given(read_file(text.strip()).keys, text.strip())
-        return {NAME: GivenValue(_CUSTOM, where), **keys}
+        return {NAME: GivenValue(_CUSTOM, source), **keys}
 
 
 SCENARIOS: Final = _Scenarios(

@@ -1,7 +1,7 @@
 """Situation of a controller: the patient, the sensor and the pump with their faults.
 
 It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it.
-Where it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the
+Where it is made, in Python, from a file or from the command line, its components are completed by what is usual for the
 patient; what was given stays apart, see `component.base.Component`.
 """
 
@@ -119,12 +119,12 @@ WarmUp = Annotated[
 class Situation(Component):
     """Everything about a loop but its meals and its controllers.
 
-    Parameters are parts, see `glucoloop list`, and numbers; what is not given is usual for the patient.
+    Parameters are components, see `glucoloop list`, and numbers; what is not given is usual for the patient.
 
     Raises
     ------
     Refusal
-        For parts and numbers that are not possible, or at odds with one another.
+        For components and numbers that are not possible, or at odds with one another.
     """
 
     kind: ClassVar = "situation"
@@ -189,9 +189,9 @@ class Situation(Component):
         PumpComponent,
         _sensor(
             "Pump: limited, resolution or expiring, with its limits; by default those usual for the patient.",
-            default=PUMPS.usual,
+            default=PUMPS.default,
         ),
-    ] = PUMPS[PUMPS.usual].partial({})
+    ] = PUMPS[PUMPS.default].partial({})
     faults: Annotated[
         tuple[FaultComponent, ...],
         _sensor(
@@ -228,7 +228,7 @@ class Situation(Component):
         if self.rescue is not None:
             object.__setattr__(self, "rescue", self.rescue.completed())
         for name in ("rhythm", "sensor", "faults", "metrics"):
-            object.__setattr__(self, name, tuple(part.completed() for part in getattr(self, name)))
+            object.__setattr__(self, name, tuple(component.completed() for component in getattr(self, name)))
         self._refuse_at_odds()
 
     def _refuse_at_odds(self) -> None:
@@ -252,21 +252,22 @@ class Situation(Component):
             )
         if self.profile_by == "titration" and not self.patient.subcutaneous:
             raise Refusal(
-                f"{self.patient.called} gets intravenous insulin, where a bolus acts for minutes and no carbohydrate "
-                "ratio is right; leave profile_by out, or choose a patient with subcutaneous insulin"
+                f"{self.patient.display_name} gets intravenous insulin, where a bolus acts for minutes and no "
+                "carbohydrate ratio is right; leave profile_by out, or choose a patient with subcutaneous insulin"
             )
         meal_model_of(self.nominal, self.gut)
         refuse_minute_inputs(
             self.nominal,
             PeopleMinuteInputs(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]).of(slice(1)),
-            self.patient.called,
+            self.patient.display_name,
         )
         known = sites(self.nominal)
         if self.site is not None and self.site not in known:
             raise Refusal(
-                f"glucose of {self.patient.called} cannot be read at the site {self.site!r}; give {' or '.join(known)}"
+                f"glucose of {self.patient.display_name} cannot be read at the site {self.site!r}; "
+                f"give {' or '.join(known)}"
             )
-        if any(isinstance(part, IdealSensor) for part in self.sensor[1:]):
+        if any(isinstance(component, IdealSensor) for component in self.sensor[1:]):
             raise Refusal("an ideal sensor is the innermost of a chain; give it first, or leave it out")
         _ = self.dead_time_samples, self.start_min, self.limits, self.bolus  # each refuses what is not possible
 
@@ -279,7 +280,7 @@ class Situation(Component):
     @property
     def by_chance(self) -> bool:
         """Whether anything of the situation may be drawn at random."""
-        plain = type(self.pump) is PUMPS[PUMPS.usual]
+        plain = type(self.pump) is PUMPS[PUMPS.default]
         return self.noisy or self.drawn_otherwise or bool(self.rhythm) or self.patient.person is not None or not plain
 
     def refuse_unusual_pump(self) -> None:
@@ -338,17 +339,17 @@ class Situation(Component):
 
     @property
     def _noise(self) -> Iterator[WhiteNoise]:
-        return (part for part in self.sensor if isinstance(part, WhiteNoise))
+        return (component for component in self.sensor if isinstance(component, WhiteNoise))
 
     @property
     def noise_variance(self) -> float:
         """Variance of the white noise of the readings, of which designs are told."""
-        return sum(part.variance for part in self._noise)
+        return sum(component.variance for component in self._noise)
 
     @property
     def noise_bound_mg_dl(self) -> float:
         """Largest deviation by that noise."""
-        return max((part.bound_mg_dl for part in self._noise), default=WhiteNoise().bound_mg_dl)
+        return max((component.bound_mg_dl for component in self._noise), default=WhiteNoise().bound_mg_dl)
 
     @property
     def noisy(self) -> bool:
@@ -359,33 +360,33 @@ class Situation(Component):
     def drawn_otherwise(self) -> bool:
         """Whether something else than white noise may be drawn: another noise of the sensor, or a fault."""
         plain = (IdealSensor, WhiteNoise, DeadTime)
-        return bool(self.faults) or not all(isinstance(part, plain) for part in self.sensor)
+        return bool(self.faults) or not all(isinstance(component, plain) for component in self.sensor)
 
     @property
     def dead_time_min(self) -> float:
         """Dead time of the readings."""
-        return sum(part.minutes for part in self.sensor if isinstance(part, DeadTime))
+        return sum(component.minutes for component in self.sensor if isinstance(component, DeadTime))
 
     @property
     def dead_time_samples(self) -> int:
         """Dead time of the readings in samples."""
-        parts = (part for part in self.sensor if isinstance(part, DeadTime))
-        return sum(whole_samples(part.minutes, self.sample_time_min, "a dead time") for part in parts)
+        components = (component for component in self.sensor if isinstance(component, DeadTime))
+        return sum(whole_samples(component.minutes, self.sample_time_min, "a dead time") for component in components)
 
     @property
     def site(self) -> str | None:
         """Site of the sensor; None for that at which glucose is controlled."""
-        return next((part.site for part in self.sensor if isinstance(part, IdealSensor)), None)
+        return next((component.site for component in self.sensor if isinstance(component, IdealSensor)), None)
 
     def record_sensor(self, noise_variance: float) -> tuple[SensorComponent, ...]:
         """Sensor of a record from which a model is identified, with other white noise."""
-        inner = [part for part in (part.recorded() for part in self.sensor) if part is not None]
+        inner = [sensor for sensor in (component.recorded() for component in self.sensor) if sensor is not None]
         noise = WhiteNoise(variance=noise_variance, bound_mg_dl=self.noise_bound_mg_dl)
         return (*inner, noise) if noise_variance > 0.0 else tuple(inner)
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        return self._with(sensor=tuple(part for part in self.sensor if not isinstance(part, WhiteNoise)))
+        return self._with(sensor=tuple(component for component in self.sensor if not isinstance(component, WhiteNoise)))
 
     def paced(self, every_min: float | None, *, known_dead_time: bool) -> Situation:
         """The situation as a controller meets it that acts at times of its own; itself where there is no such time.
@@ -394,7 +395,9 @@ class Situation(Component):
         """
         if every_min is None or every_min == self.sample_time_min:
             return self
-        known_sensors = tuple(part for part in self.sensor if known_dead_time or not isinstance(part, DeadTime))
+        known_sensors = tuple(
+            component for component in self.sensor if known_dead_time or not isinstance(component, DeadTime)
+        )
         return self._with(sample_time_min=every_min, sensor=known_sensors)
 
     def _with(self, **changes: Any) -> Situation:
@@ -416,16 +419,16 @@ class Situation(Component):
         from glucoloop.situations.population import person_of
 
         text = self.patient.person
-        return None if text is None else person_of(text, self.patient.called, self.seed)
+        return None if text is None else person_of(text, self.patient.display_name, self.seed)
 
     @functools.cached_property
     def _alone(self) -> tuple[Patient, Profile]:
         """The one person at the glucose of the operating point, or the nominal patient; with the profile."""
         from glucoloop.patients.population import alone, nominal_profile
 
-        nominal = _nominal(self.patient.called, self.patient.rests_at)
+        nominal = _nominal(self.patient.display_name, self.patient.rests_at)
         if self.one_person is None:
-            return nominal, nominal_profile(self.patient.called, nominal)
+            return nominal, nominal_profile(self.patient.display_name, nominal)
         return alone(self.one_person, float(nominal.setpoint_mg_dl))
 
     @property
@@ -441,7 +444,7 @@ class Situation(Component):
     @property
     def rhythms(self) -> tuple[Rhythm, ...]:
         """Rhythms of the patient, as a scenario takes them."""
-        return tuple(part.made() for part in self.rhythm)
+        return tuple(component.made() for component in self.rhythm)
 
     @property
     def target_mg_dl(self) -> float:

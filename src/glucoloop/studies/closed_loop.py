@@ -180,7 +180,7 @@ def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Itera
         if resting.name not in (None, situation.place):
             yield f"The model was identified at {resting.name}, but the run is at {situation.place}."
     elif path is not None:
-        yield f"The controller {case.controller.called} uses no model; {path} was not read."
+        yield f"The controller {case.controller.display_name} uses no model; {path} was not read."
     if situation.dead_time_min and case.known_dead_time:
         yield f"The controller knows of the dead time of {situation.dead_time_min:g} min."
     elif situation.dead_time_min:

@@ -65,4 +65,4 @@ def exported_controller(config: Any, case: Case, controller: Controller, stepper
 
 def name_of(config: ControlledSituation, case: Case) -> str:
     """Name of the controller of a case, for titles."""
-    return f"The controller {case.controller.called}{' with its guard' if case.guard else ''} for {config.place}"
+    return f"The controller {case.controller.display_name}{' with its guard' if case.guard else ''} for {config.place}"

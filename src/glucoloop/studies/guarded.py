@@ -50,7 +50,7 @@ class GuardedTrial(Trial):
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
         """The trial with everything that is usual."""
         config: tuple[GuardedTrial | Case, ...] = (self, *self.controller)
-        if any("guard" in case.given and case.guard is None for case in config):
+        if any("guard" in case.explicit and case.guard is None for case in config):
             raise Refusal("--guard is none; let --guards say whether there is one, like --guards without")
         return super().completed(usual, noisy=noisy)
 

@@ -94,7 +94,7 @@ class Workers:
 
 def beginning(trial: Trial) -> str:
     """Sentence on the work that begins; its first results may take minutes."""
-    controllers = {case.controller.called: case.controller for case in trial.cases}
+    controllers = {case.controller.display_name: case.controller for case in trial.cases}
     labels = ", ".join(case.label for case in trial.cases)
     which = labels if len(trial.cases) <= _MAX_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
     slow = [name for name, controller in controllers.items() if controller.slow]

@@ -164,9 +164,9 @@ class Trial(FedSituation):
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
         """The trial with everything that is usual; of a table of people all who are in it are."""
         usual = dict(usual or {})
-        if self.patient.person is not None and "population" not in self.given:
+        if self.patient.person is not None and "population" not in self.explicit:
             usual["population"] = Default(None)
-        elif "people" not in self.given:
+        elif "people" not in self.explicit:
             most = self._resolved_population().most_people
             if most is not None:
                 number = usual.get("people", type(self).settings()["people"].default).noise_free
@@ -184,16 +184,16 @@ class Trial(FedSituation):
                     "out, or name the person of that population, like person=people.csv:anna"
                 )
             return typing.cast(Population, self.one_person)
-        return population_of(self.population, self.patient.called)
+        return population_of(self.population, self.patient.display_name)
 
     def _refuse_impossible(self) -> None:
         last = LARGEST_COUNTER + 1 - self.people
         if self.first_person > last:
             raise Refusal(f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}")
-        if self.population.patient != self.patient.called:
+        if self.population.patient != self.patient.display_name:
             raise Refusal(
                 f"the population {self.population.name} is one of {self.population.patient}, but the patient is "
-                f"{self.patient.called}; give a population of {self.patient.called}"
+                f"{self.patient.display_name}; give a population of {self.patient.display_name}"
             )
         self.population.refuse_beyond(self.first_person + self.people - 1)
         if not isinstance(self.traces, str) and self.traces > self.people:

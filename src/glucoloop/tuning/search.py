@@ -55,7 +55,7 @@ def designer(
     situation: Situation, case: Case, model: StepResponseModel | None = None, *, model_is_late: bool = False
 ) -> Designer:
     """Make the design of a tuning in a situation; parameters and errors as for `build.designs.design_of`."""
-    kind = kind_of_tuning(case.controller.called)
+    kind = kind_of_tuning(case.controller.display_name)
     design = design_of(situation, case, model=model, model_is_late=model_is_late)
 
     def tuned(tuning: MPCTuning) -> Controller:

@@ -11,7 +11,7 @@ from glucoloop.metrics.formulas import gmi_pct
 from glucoloop.metrics.readings.catalogue import MEASURES, numbers_of
 from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.excursions import amplitude, turning_points
-from glucoloop.metrics.readings.profile import by_day, by_time_of_day, day_profile
+from glucoloop.metrics.readings.profile import by_day, by_time_of_day, day_profile, percentiles
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.refusal import Refusal
 from monitor_records import on_edges, with_gaps
@@ -149,3 +149,48 @@ def test_a_million_readings_take_seconds():
     numbers_of(readings)
     day_profile(readings)
     assert time.process_time() - begun < 5.0
+
+
+def test_each_reading_counts_for_its_time():
+    """A week every 15 min and a week every 5 min weigh alike, as their means over the time do."""
+    slow, quick = 15.0 * np.arange(672), 672 * 15.0 + 5.0 * np.arange(2016)
+    glucose = np.concatenate([np.tile([240.0, 260.0], 336), np.tile([110.0, 120.0, 130.0], 672)])
+    readings = Readings.of(np.concatenate([slow, quick]), glucose)
+    of = numbers_of(readings)
+    assert (of["time_above_180_pct"], of["active_pct"]) == (pytest.approx(50.0), 100.0)
+    assert (of["mean_mg_dl"], of["gmi_pct"]) == (pytest.approx(185.0), pytest.approx(gmi_pct(185.0)))
+    variance = np.mean([240.0**2, 260.0**2]) / 2.0 + np.mean([110.0**2, 120.0**2, 130.0**2]) / 2.0 - 185.0**2
+    assert of["sd_mg_dl"] == pytest.approx(np.sqrt(variance), rel=1e-3)
+    assert numbers_of(readings.by_count)["time_above_180_pct"] == 25.0
+    profile = day_profile(readings)
+    assert np.all((profile.percentiles_mg_dl[50] > 120.0) & (profile.percentiles_mg_dl[50] < 250.0))
+    active = [day["active_pct"] for _, day in by_day(readings)]
+    assert active == pytest.approx([100.0] * 14)
+
+
+@pytest.mark.parametrize("interval_min", [1.0, 5.0, 15.0])
+@pytest.mark.parametrize("seed", range(8))
+def test_readings_at_equal_steps_count_alike_whatever_is_missing(interval_min, seed):
+    t_min, glucose = with_gaps(7, seed, interval_min)
+    late = np.random.default_rng(seed).uniform(0.0, 0.1 * interval_min, t_min.size)
+    for times in (t_min, t_min + late):
+        assert Readings.of(times, glucose).weight_min is None
+
+
+def test_percentiles_with_weights_are_those_of_repeated_values():
+    rng = np.random.default_rng(3)
+    values, weights = rng.normal(120.0, 30.0, 4000), rng.choice([5.0, 15.0], 4000)
+    repeated = np.repeat(values, (weights / 5.0).astype(int))
+    assert percentiles(values, weights) == pytest.approx(np.percentile(repeated, [5, 25, 50, 75, 95]), abs=0.2)
+    assert percentiles(values, np.full(4000, 5.0)).tolist() == np.percentile(values, [5, 25, 50, 75, 95]).tolist()
+
+
+def test_a_clock_that_is_set_moves_times_of_day_and_no_durations():
+    wall = np.datetime64("2024-10-26T00:00") + np.arange(0, 48 * 60, 5).astype("timedelta64[m]")
+    night = wall >= np.datetime64("2024-10-27T03:00")
+    shown = np.where(night, wall - np.timedelta64(60, "m"), wall)
+    readings = Readings.of_times(shown, np.full(wall.size, 100.0), np.where(night, 60, 120))
+    assert readings.t_min.size == wall.size
+    assert np.all(np.diff(readings.t_min) == 5.0)
+    assert readings.time_of_day_min[-1] == 22 * 60 + 55
+    assert readings.moment(readings.t_min[-1]) == "2024-10-27 22:55"

@@ -32,7 +32,7 @@ def _shared(name: str, summary: str) -> Result:
 
 
 def _share(name: str, where: str, more: str = "", exact: str = "") -> Result:
-    return Result(name, f"Percentage of the readings {exact or where}{more}.", f"Time {where}", "%")
+    return Result(name, f"Percentage of time {exact or where}{more}.", f"Time {where}", "%")
 
 
 def _count(name: str, summary: str, title: str) -> Result:
@@ -51,14 +51,19 @@ MEASURES: Final = (
         (
             Result("days", "Days from the first reading to the last.", "Days", "d"),
             _count("readings", "Number of readings.", "Readings"),
-            Result("active_pct", "Readings in percent of those expected.", "Time active", "%"),
+            Result(
+                "active_pct",
+                "Time that the readings stand for, in percent of that from the first to the last.",
+                "Time active",
+                "%",
+            ),
         ),
     ),
     RecordMeasure(
         "Glycemia",
         distribution.mean_and_variation,
         (
-            _shared("mean_mg_dl", "Mean of the readings."),
+            _shared("mean_mg_dl", "Mean over the time that the readings stand for."),
             Result("sd_mg_dl", "Standard deviation (n - 1).", "Standard deviation", "mg/dl"),
             _shared("cv_pct", "Standard deviation (n - 1) in percent of the mean."),
             _shared("gmi_pct", "Glucose management indicator, 3.31 + 0.02392 mean."),

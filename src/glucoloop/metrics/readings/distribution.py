@@ -1,5 +1,7 @@
 """Metrics of the readings whatever their order: sufficiency, mean and variation, times in ranges, risk, quality.
 
+Each reading counts for the time that it stands for, see `Readings.weight_min`; where all stand for the same, alike.
+
 References
 ----------
 T. Battelino et al., "Clinical targets for continuous glucose monitoring data interpretation: recommendations from the
@@ -8,6 +10,7 @@ international consensus on time in range", Diabetes Care 42(8), 1593-1603, 2019:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -25,22 +28,31 @@ Numbers = Mapping[str, float]
 
 
 def sufficiency(readings: Readings) -> Numbers:
-    """Days from the first reading to the last, both included, number of readings, and their share of those expected.
+    """Days from the first reading to the last, both included, number of readings, and the share of time they stand for.
 
-    Expected is a reading at each interval, the median time between readings, from the first to the last.
+    Where all readings stand for the same time it is their share of those expected: one at each interval, the median
+    time between readings, from the first to the last. Else it is the time that they stand for, of that from the first
+    to the last, in which each gap counts in whole steps.
     """
     span = readings.t_min[-1] - readings.t_min[0] + readings.interval_min
     count = readings.t_min.size
-    return {
-        "days": span / MIN_PER_DAY,
-        "readings": float(count),
-        "active_pct": min(100.0, 100.0 * count / readings.expected),
-    }
+    weights = readings.weight_min
+    if weights is None:
+        active = 100.0 * count / readings.expected
+    else:
+        steps = np.maximum(1.0, np.rint(np.diff(readings.t_min) / weights[:-1]))
+        active = 100.0 * float(weights.sum()) / float((steps * weights[:-1]).sum() + weights[-1])
+    return {"days": span / MIN_PER_DAY, "readings": float(count), "active_pct": min(100.0, active)}
 
 
 def mean_and_variation(readings: Readings) -> Numbers:
     """Mean, standard deviation with ``n - 1`` as its denominator, coefficient of variation, and GMI."""
-    mean, deviation = float(readings.glucose_mg_dl.mean()), float(readings.glucose_mg_dl.std(ddof=1))
+    glucose = readings.glucose_mg_dl
+    mean = readings.mean(glucose)
+    if readings.weight_min is None:
+        deviation = float(glucose.std(ddof=1))
+    else:
+        deviation = math.sqrt(readings.mean((glucose - mean) ** 2) * glucose.size / (glucose.size - 1))
     return {
         "mean_mg_dl": mean,
         "sd_mg_dl": deviation,
@@ -50,10 +62,12 @@ def mean_and_variation(readings: Readings) -> Numbers:
 
 
 def times_in_ranges(readings: Readings) -> Numbers:
-    """Percentages of the readings in ranges; 70, 180, 140, 63 and 250 mg/dl belong to the range they end or begin."""
+    """Percentages of time in ranges; 70, 180, 140, 63 and 250 mg/dl belong to the range they end or begin."""
     glucose = readings.glucose_mg_dl
 
     def share(inside: npt.NDArray[np.bool_]) -> float:
+        if readings.weight_min is not None:
+            return 100.0 * readings.mean(inside)
         return 100.0 * float(np.count_nonzero(inside)) / glucose.size
 
     below_54, below_70 = share(glucose < 54.0), share(glucose < 70.0)
@@ -122,9 +136,9 @@ def risk_indices(readings: Readings) -> Numbers:
     enough = np.diff(begins, append=f.size) >= _MIN_OF_A_DAY
     ranges = (np.maximum.reduceat(low, begins) + np.maximum.reduceat(high, begins))[enough]
     return {
-        "lbgi": float(low.mean()),
-        "hbgi": float(high.mean()),
-        "bgri": float(low.mean() + high.mean()),
+        "lbgi": readings.mean(low),
+        "hbgi": readings.mean(high),
+        "bgri": readings.mean(low) + readings.mean(high),
         "adrr": float(ranges.mean()) if ranges.size else np.nan,
     }
 
@@ -153,14 +167,15 @@ def quality(readings: Readings) -> Numbers:
     """
     glucose = readings.glucose_mg_dl
     grade = grade_of(glucose)
-    total = max(float(grade.sum()), np.finfo(float).tiny)
+    weighted = grade if readings.weight_min is None else grade * readings.weight_min
+    total = max(float(weighted.sum()), np.finfo(float).tiny)
     low, high = glucose < 70.0, glucose > 140.0
     variation = mean_and_variation(readings)
     return {
-        "grade": float(grade.mean()),
-        "grade_hypo_pct": 100.0 * float(grade[low].sum()) / total,
-        "grade_eu_pct": 100.0 * float(grade[~low & ~high].sum()) / total,
-        "grade_hyper_pct": 100.0 * float(grade[high].sum()) / total,
+        "grade": readings.mean(grade),
+        "grade_hypo_pct": 100.0 * float(weighted[low].sum()) / total,
+        "grade_eu_pct": 100.0 * float(weighted[~low & ~high].sum()) / total,
+        "grade_hyper_pct": 100.0 * float(weighted[high].sum()) / total,
         "j_index": 0.001 * (variation["mean_mg_dl"] + variation["sd_mg_dl"]) ** 2,
-        "m_value": float((np.abs(10.0 * np.log10(glucose / 90.0)) ** 3).mean()),
+        "m_value": readings.mean(np.abs(10.0 * np.log10(glucose / 90.0)) ** 3),
     }

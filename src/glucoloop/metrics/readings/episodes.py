@@ -40,6 +40,8 @@ class GlucoseEpisode(NamedTuple):
     """Time from its first reading to the first one after it, or to the gap in which it ends."""
     extreme_mg_dl: float
     """Minimum or maximum glucose."""
+    clock_min: float
+    """Time on the wall at its first reading, after midnight of day 0."""
 
     @property
     def extended(self) -> bool:
@@ -49,7 +51,7 @@ class GlucoseEpisode(NamedTuple):
     @property
     def nocturnal(self) -> bool:
         """Whether it began from 0 to 6 h."""
-        return self.t_min % MIN_PER_DAY < NIGHT_ENDS_MIN
+        return self.clock_min % MIN_PER_DAY < NIGHT_ENDS_MIN
 
 
 def glucose_episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
@@ -67,7 +69,8 @@ def glucose_episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
             inside: Floats = glucose[begin:end]
             extreme = inside.min() if bound < 100.0 else inside.max()
             start, duration = grid.step_min * (segment.first + begin), grid.step_min * (end - begin)
-            result.append(GlucoseEpisode(kind, float(start), float(duration), float(extreme)))
+            clock_min = readings.clock_at(float(start))
+            result.append(GlucoseEpisode(kind, float(start), float(duration), float(extreme), clock_min))
     return result
 
 

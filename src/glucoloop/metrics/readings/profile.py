@@ -9,7 +9,7 @@ T. Battelino et al., Diabetes Care 42(8), 1593-1603, 2019: 5, 25, 50, 75 and 95 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -39,7 +39,7 @@ class DayProfile:
 def day_profile(*records: Readings) -> DayProfile:
     """Percentiles, every 15 min, of all readings within 15 min of that time of day; nothing else is smoothed.
 
-    Of several people it is of the readings of all, of which each counts alike.
+    Each reading counts for the time that it stands for; of several people it is of the readings of all.
     """
     bins = int(MIN_PER_DAY) // STEP_MIN
     times = np.concatenate([readings.time_of_day_min for readings in records])
@@ -47,15 +47,47 @@ def day_profile(*records: Readings) -> DayProfile:
     order = np.argsort(place, kind="stable")
     glucose = np.concatenate([readings.glucose_mg_dl for readings in records])[order]
     edges = np.searchsorted(place[order], np.arange(bins + 1))
-    parts = [glucose[edges[i] : edges[i + 1]] for i in range(bins)]
+    parts = [slice(edges[i], edges[i + 1]) for i in range(bins)]
+    weights = _weights(records)
+    weights = None if weights is None else weights[order]
     result, counts = [], []
     for i in range(bins + 1):
-        near = np.concatenate((parts[i - 1], parts[i % bins]))
+        both = (parts[i - 1], parts[i % bins])
+        near = np.concatenate([glucose[part] for part in both])
         counts.append(float(near.size))
-        result.append(np.percentile(near, PERCENTILES) if near.size else np.full(len(PERCENTILES), np.nan))
+        near_weights = None if weights is None else np.concatenate([weights[part] for part in both])
+        result.append(percentiles(near, near_weights))
     columns = np.asarray(result).T
     t_min = STEP_MIN * np.arange(bins + 1, dtype=float)
     return DayProfile(t_min, dict(zip(PERCENTILES, columns, strict=True)), np.asarray(counts))
+
+
+def _weights(records: Sequence[Readings]) -> Floats | None:
+    """Time that each reading of several records stands for; None where all stand for the same."""
+    every = [readings.weight_min for readings in records]
+    if all(one is None for one in every) and len({readings.interval_min for readings in records}) == 1:
+        return None
+    return np.concatenate(
+        [
+            np.full(readings.t_min.size, readings.interval_min) if one is None else one
+            for readings, one in zip(records, every, strict=True)
+        ]
+    )
+
+
+def percentiles(values: Floats, weights: Floats | None) -> Floats:
+    """`PERCENTILES` of values, NaN of none; with weights those of a value stand in the middle of its own.
+
+    With equal weights they are those of NumPy: the first value is the percentile 0, and the last one 100.
+    """
+    if not values.size:
+        return np.full(len(PERCENTILES), np.nan)
+    if weights is None or np.all(weights == weights[0]):
+        return np.asarray(np.percentile(values, PERCENTILES))
+    order = np.argsort(values, kind="stable")
+    middles = np.cumsum(weights[order]) - 0.5 * weights[order]
+    at = (middles - middles[0]) / (middles[-1] - middles[0])
+    return np.interp(np.asarray(PERCENTILES) / 100.0, at, values[order])
 
 
 def of_part(readings: Readings | None) -> Mapping[str, float]:
@@ -64,14 +96,15 @@ def of_part(readings: Readings | None) -> Mapping[str, float]:
 
 
 def by_day(readings: Readings) -> Iterator[tuple[int, Mapping[str, float]]]:
-    """Numbers of each day with at least two readings, and the share of its readings that are there."""
+    """Numbers of each day with at least two readings, and the share of the day that they stand for."""
     of_a_day = MIN_PER_DAY / readings.interval_min
     days, begins = np.unique(readings.day, return_index=True)
     for day, low, high in zip(days.tolist(), begins, [*begins[1:], readings.day.size], strict=True):
-        t_min, glucose = readings.t_min[low:high], readings.glucose_mg_dl[low:high]
         if high - low > 1:
-            part = Readings(t_min, glucose, readings.interval_min, readings.day_0)
+            part = readings.between(low, high)
             active = min(100.0, 100.0 * (high - low) / of_a_day)
+            if readings.weight_min is not None:
+                active = min(100.0, 100.0 * float(readings.weight_min[low:high].sum()) / MIN_PER_DAY)
             yield day, {"readings": float(high - low), "active_pct": active, **of_part(part)}
 
 

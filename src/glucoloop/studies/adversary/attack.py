@@ -178,7 +178,7 @@ class Attack:
         """
         trial = self._trial
         alike = number is None and trial.one_person is None
-        source = population("nominal", patient=trial.patient.called) if alike else trial.population
+        source = population("nominal", patient=trial.patient.display_name) if alike else trial.population
         people = virtual_people(source, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
         if not people.feasible.all():
             who = "the nominal patient" if alike else f"person {number or 0} of seed {trial.seed}"

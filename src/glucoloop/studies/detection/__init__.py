@@ -7,7 +7,7 @@ import functools
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
-from glucoloop.component.grammar import part_text
+from glucoloop.component.grammar import component_text
 from glucoloop.control.catalogue import CONTROLLERS, ESTIMATING
 from glucoloop.control.part import ControllerComponent
 from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorComponent
@@ -93,13 +93,13 @@ class Detection(Trial):
             raise Refusal(f"--estimator names none; give one or more of {', '.join(ESTIMATORS)}")
         if len(self.tried) < len(self.estimators):
             raise Refusal(f"--estimator is {'; '.join(self.tried)}, one of them twice; leave one out")
-        if "estimator" in {**self.case.controller.given, **getattr(self.estimates_by, "given", {})}:
+        if "estimator" in {**self.case.controller.explicit, **getattr(self.estimates_by, "explicit", {})}:
             raise Refusal(
                 f"the controller {ESTIMATING} is tried with each of the estimators; leave its "
                 "estimator out, and name them by --estimator"
             )
         if self.estimates_by is not None and self.estimates_by.name != ESTIMATING:
-            raise Refusal(f"--estimates-by is {self.estimates_by.called}; give settings of {ESTIMATING}")
+            raise Refusal(f"--estimates-by is {self.estimates_by.display_name}; give settings of {ESTIMATING}")
         if self.people * self.number_of_days > _MAX_RUNS:
             raise Refusal(
                 f"{self.number_of_days} days of {self.people} people are too many; give at most {_MAX_RUNS} days in all"
@@ -109,7 +109,7 @@ class Detection(Trial):
     @functools.cached_property
     def tried(self) -> dict[str, EstimatorComponent]:
         """The estimators by their texts."""
-        return {part_text(part.tree()): part for part in self.estimators}
+        return {component_text(part.tree()): part for part in self.estimators}
 
     def uses(self) -> frozenset[Need]:
         """Needs that the trial meets, where estimators see readings and may know the time of day."""

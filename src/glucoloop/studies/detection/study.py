@@ -183,7 +183,7 @@ def _title(config: Detection) -> str:
     trial = config.trial
     people = f"each of {trial.people} people of {trial.population.name}" if trial.people > 1 else "one person"
     days = "A day" if config.number_of_days == 1 else f"{config.number_of_days} days"
-    under = sorted({case.controller.called for case in trial.cases})
+    under = sorted({case.controller.display_name for case in trial.cases})
     return f"{days} of {people}, with meals that nobody announced; doses by {', '.join(under)}"
 
 

@@ -93,7 +93,7 @@ class ModelRequest(Situation):
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
         """The request with what is usual for the patient; what suits a record is chosen by the record."""
-        given = self.given
+        given = self.explicit
         unused, what = (
             (_EXPERIMENT, "is about the simulated patient, but there is a record; leave one out")
             if "data" in given

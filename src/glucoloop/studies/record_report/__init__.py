@@ -59,7 +59,8 @@ class RecordRequest(Component):
     files: Annotated[
         tuple[str, ...],
         _report(
-            "Records of a monitor in any format that can be read, folders with a file or a folder for each person, or "
+            "Records of a monitor in any format that can be read, tables of several people, folders with a file or a "
+            "folder for each person, or "
             "folders that `glucoloop run`, `compare` or `trial --traces` wrote.",
             flag="FILE...",
             metavar="FILE",
@@ -106,6 +107,20 @@ class RecordRequest(Component):
     columns: Annotated[
         str | None,
         _reading("Columns of any other table, like time=Zeit,glucose_mg_dl=BZ.", metavar="NAMES"),
+    ] = None
+    file_units: Annotated[
+        str | None,
+        _reading(
+            "Units of amounts in the files, where they are not g, U and U/h, like basal=mU/h,carbs=10g.",
+            metavar="UNITS",
+        ),
+    ] = None
+    device: Annotated[
+        str | None, _reading("Device whose readings are used, where several read at the same time.", metavar="NAME")
+    ] = None
+    person_column: Annotated[
+        str | None,
+        _reading("Column that says whose each row is, in a table of several people.", metavar="NAME"),
     ] = None
     scans: Annotated[bool, _reading("Keep scans of a Libre beside the readings that it stores by itself.")] = False
     goals: Annotated[

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import polars as pl
 
-from glucoloop.metrics.readings.series import Readings
-from glucoloop.records import FileRefusal, read_record
+from glucoloop.metrics.readings.catalogue import numbers_of
+from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Readings
+from glucoloop.records import DeviceRecord, FileRefusal, read_people
+from glucoloop.records.reading import are_of_one_person
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds
 from glucoloop.storage.tables import read_parquet, refusing_damage
@@ -41,10 +43,16 @@ class NamedReadings(NamedTuple):
 def sources_of(config: RecordRequest) -> list[_RecordSource]:
     """Sources in the order of the files, and within a folder in that of the names."""
     results: list[_RecordSource] = []
+    paths_given = [Path(name) for name in config.files]
+    if len(paths_given) > 1 and all(path.is_file() for path in paths_given) and are_of_one_person(paths_given):
+        return [_RecordSource(config.labels[0] if config.labels else "Record 1", "", tuple(paths_given), alone=True)]
     for place, name in enumerate(config.files):
         path, people = Path(name), list[tuple[Path, ...]]()
         if path.is_dir() and not _is_simulated(path):
             people = _people_of(path)
+            files = [paths[0] for paths in people]
+            if len(files) > 1 and all(len(paths) == 1 for paths in people) and are_of_one_person(files):
+                people = [tuple(files)]
         label = config.labels[place] if config.labels else printable(path.name) if config.file_names else ""
         if not people:
             results.append(_RecordSource(label or f"Record {place + 1}", "", (path,), len(config.files) == 1))
@@ -108,23 +116,66 @@ def read(source: _RecordSource, config: RecordRequest) -> Iterator[NamedReadings
             group = group if trajectory.of_people or source.group else ""
             yield NamedReadings(label, group, trajectory.readings, ("A simulated course; its first minute is 0 h.",))
         return
-    record = read_record(
+    people = read_people(
         *source.paths,
+        person_column=config.person_column,
         reader=config.reader,
         dates=config.dates,
         glucose_unit=config.glucose_unit,
         time_zone=config.time_zone,
         columns=config.columns,
+        file_units=config.file_units,
+        device=config.device,
         scans=config.scans,
     )
+    begin = "" if source.alone and not config.labels else f"{source.label}: "
+    for number, (name, record) in enumerate(people.items(), 1):
+        if len(people) == 1:
+            yield _named(record, source.label, source.group, source.paths)
+            continue
+        who = printable(name) if config.file_names else f"person {number}"
+        label = f"{begin}{who}" if begin or config.file_names else f"Person {number}"
+        yield _named(record, label, source.group or (source.label if begin else "People"), source.paths)
+
+
+def _named(record: DeviceRecord, label: str, group: str, paths: Sequence[Path]) -> NamedReadings:
+    """Readings of a record; FileRefusal where there are too few."""
     finite = record.frame.filter(pl.col("glucose_mg_dl").is_finite())
+    offsets = finite["utc_offset_min"]
     try:
-        readings = Readings.of_times(finite["time"].to_numpy(), finite["glucose_mg_dl"].to_numpy())
+        readings = Readings.of_times(
+            finite["time"].to_numpy(),
+            finite["glucose_mg_dl"].to_numpy(),
+            None if offsets.null_count() else offsets.to_numpy(),
+        )
     except Refusal as error:
-        raise FileRefusal(source.paths, error) from None
+        raise FileRefusal(paths, error) from None
     averaged = finite.height - readings.t_min.size
     more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
-    yield NamedReadings(source.label, source.group, readings, (*record.notes, *more))
+    counted = _by_count(readings)
+    return NamedReadings(label, group, readings, (*record.notes, *more, *counted))
+
+
+_COUNTED: Final = {
+    "active_pct": "time active {:.1f} %",
+    "mean_mg_dl": "mean {:.0f} mg/dl",
+    "time_below_70_pct": "below 70 mg/dl {:.1f} %",
+    "time_70_180_pct": "from 70 to 180 mg/dl {:.1f} %",
+    "time_above_180_pct": "above 180 mg/dl {:.1f} %",
+}
+"""Numbers of the consensus that are told too as it counts them, with each reading alike."""
+
+
+def _by_count(readings: Readings) -> Iterator[str]:
+    """Note on readings that stand for different times, with the numbers that counting them gives."""
+    if readings.weight_min is None:
+        return
+    numbers = numbers_of(readings.by_count)
+    texts = ", ".join(text.format(numbers[name]) for name, text in _COUNTED.items())
+    yield (
+        "Readings come at different steps: each counts for the time until the next one, at most one step of the sensor "
+        f"and {LONGEST_FILLED_MIN:g} min. Counted alike, as the consensus counts them, they give {texts}."
+    )
 
 
 _OF_RUN: Final = "glucose_1min.parquet"

@@ -313,7 +313,7 @@ def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
         "Replay of a record",
         sentences=[*sentences(config, results), *results.plain["notes"]],
         facts={
-            "Twin": config.patient.called,
+            "Twin": config.patient.display_name,
             "Record": f"{results.plain['days']:.1f} days with {results.plain['meals']} meals",
             "Meals": "not announced" if config.unannounced else "announced when they were entered",
             "Residual": "carried along" if config.carry else "left out",

@@ -91,8 +91,8 @@ class Search(Trial):
     ] = ("mpc-se",)
     sampler: Annotated[
         SamplerComponent,
-        _search("Sampler of the candidates: tpe, nsga2 or random, which needs no Optuna.", default=SAMPLERS.usual),
-    ] = SAMPLERS[SAMPLERS.usual].partial({})
+        _search("Sampler of the candidates: tpe, nsga2 or random, which needs no Optuna.", default=SAMPLERS.default),
+    ] = SAMPLERS[SAMPLERS.default].partial({})
     batch: Annotated[int, _search("Number of candidates that are proposed at a time.", at_least=1, at_most=4096)] = 64
     rounds: Annotated[int, _search("Number of rounds in all.", at_least=1, at_most=10_000)] = 4
     prefer: Annotated[
@@ -112,7 +112,9 @@ class Search(Trial):
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings, or all that are used, with the ranges among the settings of the controller."""
         results = super().tree(whole=whole)
-        ranges = {setting.name: setting.text for setting in self.space} if whole else self.given.get(RANGES_KEY) or {}
+        ranges = (
+            {setting.name: setting.text for setting in self.space} if whole else self.explicit.get(RANGES_KEY) or {}
+        )
         return with_ranges(results, ranges)
 
     def uses(self) -> frozenset[Need]:
@@ -122,7 +124,7 @@ class Search(Trial):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        name = self.case.controller.called
+        name = self.case.controller.display_name
         if self.case.controller.name != SEARCHED:
             raise Refusal(f"the controller {name} has no ranges to search; give {SEARCHED}")
         self._refuse_shared_subjects()
@@ -158,7 +160,7 @@ class Search(Trial):
     @functools.cached_property
     def space(self) -> tuple[Tuned, ...]:
         """Ranges of the tuned numbers: those that are given, and the default ones unless one number is given."""
-        given, fixed = self.ranges or {}, self.case.controller.given
+        given, fixed = self.ranges or {}, self.case.controller.explicit
         results = []
         for name, usual in RANGES.items():
             if name in given:
@@ -180,7 +182,7 @@ class Search(Trial):
     @functools.cached_property
     def trial(self) -> Trial:
         """The situation; its first case is tuned, and the others are references."""
-        tuned = dataclasses.replace(self.case, label=self.case.controller.called)
+        tuned = dataclasses.replace(self.case, label=self.case.controller.display_name)
         return self.with_cases((tuned, *cases_of(*self.beside)), seed=self.people_seed)
 
     @property

@@ -238,8 +238,8 @@ class SearchEngine:
                 if _tuning_of(config, candidate) != tuning:
                     raise Refusal(
                         f"candidate {candidate['candidate']} of the search was another tuning than "
-                        f"{config.sampler.called} proposes now; go on with the libraries with which it was begun, or "
-                        "begin again with --overwrite"
+                        f"{config.sampler.display_name} proposes now; go on with the libraries with which it was "
+                        "begun, or begin again with --overwrite"
                     )
             todo = tunings[len(stored) :]
             runs = self._loop(config.tuned).run(self.subjects, todo) if todo else ()

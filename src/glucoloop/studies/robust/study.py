@@ -116,9 +116,9 @@ def files_of(config: Search, results: Results) -> dict[str, bytes]:
 
 def _best(config: Search, tuning: Mapping[str, float]) -> Run:
     """The run of the nominal patient, in the same situation, with a tuning."""
-    controller = CONTROLLERS[SEARCHED].partial({**config.tuned.controller.given, **tuning})
-    case = Case.partial({**config.case.given, "controller": controller})
-    names = [name for name in config.given if name in Run.settings()]
+    controller = CONTROLLERS[SEARCHED].partial({**config.tuned.controller.explicit, **tuning})
+    case = Case.partial({**config.case.explicit, "controller": controller})
+    names = [name for name in config.explicit if name in Run.settings()]
     shared = {name: getattr(config, name) for name in dict.fromkeys([*names, "sensor", "meals", "duration_min"])}
     return Run.partial({**shared, "controller": (case,)}).completed()
 

@@ -97,7 +97,9 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
 def results_of_loop(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Results:
     """Results of one loop."""
     tables = _tables(outcome.trace.to_polars(), stored.minute_table(outcome.trace))
-    return Results({**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.called: outcome}))
+    return Results(
+        {**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.display_name: outcome})
+    )
 
 
 def _tables(samples: pl.DataFrame, minutes: pl.DataFrame) -> dict[str, pl.DataFrame]:

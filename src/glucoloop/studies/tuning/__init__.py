@@ -52,7 +52,7 @@ class GridSearch(Run):
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings, or all that are used, with the ranges among the settings of the controller."""
         results = super().tree(whole=whole)
-        return with_ranges(results, self.all_ranges if whole else self.given.get(RANGES) or {})
+        return with_ranges(results, self.all_ranges if whole else self.explicit.get(RANGES) or {})
 
     def __post_init__(self) -> None:
         super().__post_init__()

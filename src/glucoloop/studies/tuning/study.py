@@ -69,7 +69,7 @@ class _Searched:
 def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
     """Try every tuning of the grid, and the default one; Refusal for a design that is not possible."""
     case = config.case
-    name = case.controller.called
+    name = case.controller.display_name
     kind_of_tuning(name)  # refuses one that cannot be tuned
     usual, grid = usual_tuning(config, name), _grid_of(config)
     grid = grid if usual in grid else [*grid, usual]
@@ -212,7 +212,7 @@ def files_of(config: GridSearch, results: Results) -> dict[str, bytes]:
     data = {"surface.csv": "all tunings", "tune.json": "the same"}
     again = Repeat("tune --config tune.toml", used, data, given=given)
     files["tune.toml"] = again.text.encode()
-    title = f"{config.case.controller.called} at {config.place}"
+    title = f"{config.case.controller.display_name} at {config.place}"
     ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in config.all_ranges.items()}
     files["surface.html"] = _surface_page(
         searched,

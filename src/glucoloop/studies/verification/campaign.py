@@ -85,8 +85,8 @@ def _populations_in_turn(patient: str = DEFAULT_PATIENT.name, seed: int = 0) -> 
     """
     part = PATIENTS.parse(patient)
     if part.person is not None:
-        return [person_of(part.person, part.called, seed)]
-    nominal, *others = populations_of(part.called).values()
+        return [person_of(part.person, part.display_name, seed)]
+    nominal, *others = populations_of(part.display_name).values()
     # any number of people is drawn, of a table with replacement
     return [other if other.most_people is None else other.drawn_as(REPLACED) for other in others] or [nominal]
 
@@ -372,7 +372,7 @@ class _WatchedLoops:
             controller,
             Promises(
                 limits=trial.limits,
-                sound=patient_model(trial.patient.called).sound,
+                sound=patient_model(trial.patient.display_name).sound,
                 caps=None if guard is None else Caps(settings=guard, limits=trial.limits),
             ),
             _draw_people(trial.seed, np.arange(2), trial.patient.text),

@@ -1,0 +1,69 @@
+"""CSV of the data set AZT1D: a row for each reading, with boluses, carbohydrate and basal rates in the nearest row.
+
+Glucose in mg/dl every 5 min on a local clock, the whole dose of each bolus (``CorrectionDelivered`` and
+``FoodDelivered`` are its parts), carbohydrate in g, and the basal rate until the next row that has one, in U/h; in some
+people weeks of rates are in mU/h. Extended boluses stand whole at their beginning. Of some people the sensor's column
+is called otherwise, and empty cells are zeros.
+
+References
+----------
+M. Khamesian et al., "AZT1D: a real-world dataset for type 1 diabetes", 2025, doi:10.17632/gk9m674wcx.1.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import polars as pl
+
+from glucoloop.records.answers import MIXED_RATES, Answers
+from glucoloop.records.extract import Extract, extract_frame
+from glucoloop.records.file_text import FileText
+from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.times import times_of
+from glucoloop.refusal import Refusal
+
+_HEADER: Final = ("EventDateTime", "BolusType", "Basal", "TotalBolusInsulinDelivered", "CarbSize")
+
+
+class AZT1D(ReaderComponent, name="azt1d"):
+    """CSV of the data set AZT1D, of pumps of Tandem and sensors of Dexcom."""
+
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file has the header of the data set."""
+        return content.header(*_HEADER, whole=True) is not None
+
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of the file of one person."""
+        place = content.header(*_HEADER, whole=True)
+        if place is None:
+            raise Refusal("it has no header of AZT1D, EventDateTime, BolusType, Basal and so on; give it as published")
+        table = content.table(place)
+        frame = table.frame.select(
+            time=table.texts("EventDateTime"),
+            glucose=table.texts(table.column("CGM", "Readings (CGM")),
+            carbs=table.texts("CarbSize"),
+            bolus=table.texts("TotalBolusInsulinDelivered"),
+            basal=table.texts("Basal"),
+            type=table.texts("BolusType"),
+        )
+        times, notes = times_of(frame["time"], answers)
+        extended = int(frame["type"].str.contains("(?i)extended").fill_null(False).sum())
+        if extended:
+            notes.append(f"{extended} extended boluses stand whole at their beginning, as in the file.")
+        return Extract(
+            frame=extract_frame(
+                frame,
+                times,
+                table.spoilt,
+                glucose=pl.when(pl.col("glucose").cast(pl.Float64, strict=False) != 0.0).then("glucose"),
+                carbs=pl.col("carbs"),
+                bolus=pl.col("bolus"),
+                basal=pl.col("basal"),
+                device=pl.lit("Dexcom G6"),
+                kind=pl.lit("rows without a reading, a meal or insulin"),
+            ),
+            glucose_unit="mg/dl",
+            units={"basal": MIXED_RATES},
+            notes=(*table.notes, *notes),
+        )

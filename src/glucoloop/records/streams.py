@@ -1,0 +1,227 @@
+"""Streams of readings: one sensor that several uploaders send counts once, and sensors that disagree are told apart.
+
+A stream is what one device or app sends. Two streams are of one sensor where they say the same glucose, shifted by up
+to some minutes, whatever the names of the devices are. While one stream reads, the readings of another are left out by
+name; where the first has a gap the other one fills it.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from glucoloop.records.account import Account
+from glucoloop.refusal import Refusal
+from glucoloop.text import how_many, printable, the_first
+from glucoloop.units import MIN_PER_H, S_PER_MIN
+
+Floats = npt.NDArray[np.float64]
+
+SAME_GLUCOSE: Final = "readings of the same sensor by another uploader"
+OTHER_GLUCOSE: Final = "readings of a second sensor while the first one reads"
+OTHER_DEVICE: Final = "readings of other devices than the one that is chosen"
+
+_SHIFTS_MIN: Final = np.arange(-15.0, 16.0)
+_MAX_MEDIAN, _MAX_90 = (4.0, 0.03), (15.0, 0.10)
+"""Largest median and 90th percentile of the difference of two streams of one sensor, in mg/dl and of glucose."""
+_SAMPLES: Final = 2000
+_FEWEST: Final = 12
+"""Number of readings from which two streams can be compared."""
+_LONGEST_STEP_MIN: Final = 30.0
+_BESIDE: Final = 0.9
+"""Part of a step from another stream's reading within which one at the edge of a gap is beside it."""
+_REGULAR: Final = 0.8
+"""Share of steps that are alike in a regular stream."""
+
+
+class _Stream(NamedTuple):
+    """Readings of one stream in the order of time."""
+
+    label: str
+    source: str
+    places: npt.NDArray[np.int64]
+    t_min: Floats
+    glucose: Floats
+    step_min: float
+
+
+def with_instants(frame: pl.DataFrame) -> pl.DataFrame:
+    """Rows with ``at``: instants in UTC, or where offsets are unknown the time on the wall without a step back."""
+    if frame["utc_offset_min"].is_null().any():
+        at = pl.col("time") + pl.duration(minutes=pl.when("second_pass").then(60).otherwise(0), time_unit="us")
+    else:
+        at = pl.col("time") - pl.duration(minutes="utc_offset_min", time_unit="us")
+    return frame.with_columns(at=at)
+
+
+def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.DataFrame:
+    """Rows in which each time has the readings of one sensor once; `device` is the one that is chosen."""
+    read = frame.select(
+        place=pl.int_range(pl.len(), dtype=pl.Int64),
+        reading=pl.col("glucose_mg_dl").is_not_null(),
+        t=pl.col("at").to_physical() / (1e6 * S_PER_MIN),
+        glucose="glucose_mg_dl",
+        device="device",
+        source=pl.coalesce("source", "device").fill_null(""),
+    ).filter("reading")
+    if not read.height:
+        if device is not None:
+            raise Refusal(f"device is {device!r}, and there are no readings; leave it out (--device)")
+        return frame
+    streams = _labelled([part for group in read.partition_by("source") for part in _parted(group.sort("t"))])
+    if len(streams) > 1:
+        labels = np.full(frame.height, None, dtype=object)
+        for stream in streams:
+            labels[stream.places] = stream.label
+        frame = frame.with_columns(device=pl.coalesce(pl.Series(labels.tolist(), dtype=pl.String), "device"))
+    if device is not None:
+        return _only(frame, streams, device, account)
+    if len(streams) == 1:
+        return frame
+    streams.sort(key=lambda stream: stream.t_min.size, reverse=True)
+    reasons = np.full(frame.height, "", dtype=object)
+    used = [streams[0]]
+    for stream in streams[1:]:
+        for first in used:
+            doubled = _doubled(stream, first) & (reasons[stream.places] == "")
+            if doubled.any():
+                reasons[stream.places[doubled]] = _compared(stream, first, doubled, account)
+        used.append(_without(stream, reasons[stream.places] != ""))
+    counts = [f"{stream.label} ({stream.t_min.size})" for stream in streams]
+    kinds = {stream.label for stream in streams}
+    if len(kinds) > 1:
+        account.notes.append(f"Glucose comes from {len(kinds)} devices: {the_first(counts)}.")
+    frame = frame.with_columns(pl.Series("_why", reasons.tolist(), dtype=pl.String))
+    for reason in (SAME_GLUCOSE, OTHER_GLUCOSE):
+        frame = account.without_value(frame, frame["_why"] == reason, "glucose_mg_dl", reason)
+    return frame.drop("_why")
+
+
+def _parted(rows: pl.DataFrame) -> list[pl.DataFrame]:
+    """Streams that one source sends under one name, each at regular steps; the source itself where it is one."""
+    t = rows["t"].to_numpy()
+    if t.size < 3 * _FEWEST or _regular(np.diff(t)) is not None:
+        return [rows]
+    for ways in (2, 3):
+        step = _regular(t[ways:] - t[:-ways])
+        if step is None or not 1.0 < step <= _LONGEST_STEP_MIN:
+            continue
+        chains: list[float] = []
+        which = np.zeros(t.size, dtype=np.int64)
+        for place, moment in enumerate(t.tolist()):
+            late = [abs(moment - last - step * max(1, round((moment - last) / step))) for last in chains]
+            near = int(np.argmin(late)) if late else -1
+            free = [n for n, last in enumerate(chains) if moment - last > _REGULAR * step]
+            if near >= 0 and near in free and late[near] <= (1.0 - _REGULAR) * step:
+                which[place] = near
+            elif len(chains) < ways:
+                which[place] = len(chains)
+                chains.append(moment)
+            else:
+                which[place] = min(free, key=lambda n: late[n]) if free else near
+            chains[which[place]] = moment
+        return rows.with_columns(pl.Series("_way", which)).partition_by("_way")
+    return [rows]
+
+
+def _regular(steps: Floats) -> float | None:
+    """Step of a stream of which most steps are alike; None if they are not."""
+    inside = steps[(steps > 0.0) & (steps <= _LONGEST_STEP_MIN)]
+    if inside.size < _REGULAR * steps.size or not inside.size:
+        return None
+    step = float(np.median(inside))
+    alike = np.abs(inside / step - np.maximum(1.0, np.rint(inside / step))) <= (1.0 - _REGULAR) + 0.05
+    return step if np.count_nonzero(alike) >= _REGULAR * inside.size else None
+
+
+def _labelled(parts: list[pl.DataFrame]) -> list[_Stream]:
+    """Streams, each with the kind of its device, numbered where several of a kind read at the same time."""
+    parts.sort(key=lambda part: part["t"][0])
+    ends: dict[str, list[float]] = {}
+    result = []
+    for part in parts:
+        t = part["t"].to_numpy()
+        kind = part["device"].drop_nulls().mode().sort()
+        name = str(kind[0]) if len(kind) else "a sensor"
+        slots = ends.setdefault(name, [])
+        slot = next((n for n, end in enumerate(slots) if end < t[0]), len(slots))
+        slots[slot : slot + 1] = [t[-1]]
+        steps = np.diff(t)
+        inside = steps[(steps > 0.0) & (steps <= _LONGEST_STEP_MIN)]
+        step = float(np.median(inside)) if inside.size else _LONGEST_STEP_MIN
+        label = name if not slot else f"{name} ({slot + 1})"
+        result.append(_Stream(label, part["source"][0], part["place"].to_numpy(), t, part["glucose"].to_numpy(), step))
+    return result
+
+
+def _only(frame: pl.DataFrame, streams: list[_Stream], device: str, account: Account) -> pl.DataFrame:
+    """Rows without the readings of other devices than the one that is chosen; Refusal if there is none of its name."""
+    chosen = [stream for stream in streams if stream.label.casefold() == device.casefold()]
+    if not chosen:
+        names = list(dict.fromkeys(printable(stream.label) for stream in streams))
+        raise Refusal(f"device is {device!r}, and the readings are of {the_first(names)}; give one of these (--device)")
+    keep = np.concatenate([stream.places for stream in chosen])
+    other = np.ones(frame.height, dtype=bool)
+    other[keep] = False
+    gone = pl.Series(other) & frame["glucose_mg_dl"].is_not_null()
+    return account.without_value(frame, gone, "glucose_mg_dl", OTHER_DEVICE)
+
+
+def _without(stream: _Stream, gone: npt.NDArray[np.bool_]) -> _Stream:
+    kept = ~gone
+    return stream._replace(places=stream.places[kept], t_min=stream.t_min[kept], glucose=stream.glucose[kept])
+
+
+def _doubled(stream: _Stream, first: _Stream) -> npt.NDArray[np.bool_]:
+    """Readings of a stream at times when another one reads."""
+    if not first.t_min.size or not stream.t_min.size:
+        return np.zeros(stream.t_min.size, dtype=bool)
+    reach = first.step_min + 0.5
+    after = np.searchsorted(first.t_min, stream.t_min)
+    before_min = stream.t_min - first.t_min[(after - 1).clip(0)]
+    after_min = first.t_min[after.clip(0, first.t_min.size - 1)] - stream.t_min
+    before_min = np.where(after > 0, before_min, np.inf)
+    after_min = np.where(after < first.t_min.size, after_min, np.inf)
+    between = (before_min < reach) & (after_min < reach)
+    inside = between | (np.minimum(before_min, after_min) < _BESIDE * first.step_min)
+    return np.asarray(inside)
+
+
+def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], account: Account) -> str:
+    """Reason for which readings of a stream are left out, with a note on how it compares with the one that is used."""
+    t, glucose = stream.t_min[doubled], stream.glucose[doubled]
+    hours = how_many(round(t.size * stream.step_min / MIN_PER_H), "hour")
+    chosen = np.linspace(0, t.size - 1, min(t.size, _SAMPLES)).astype(int)
+    t, glucose = t[chosen], glucose[chosen]
+    shifts = _SHIFTS_MIN if t.size >= _FEWEST else np.zeros(1)
+    differences = [np.abs(np.interp(t - shift, first.t_min, first.glucose) - glucose) for shift in shifts]
+    best = int(
+        np.argmin([float(np.median(of)) + 0.1 * abs(shift) for of, shift in zip(differences, shifts, strict=True)])
+    )
+    middle = float(np.median(glucose))
+    median, upper = (float(np.quantile(differences[best], share)) for share in (0.5, 0.9))
+    apart = float(np.median(differences[int(np.flatnonzero(shifts == 0.0)[0])]))
+    same = median <= max(_MAX_MEDIAN[0], _MAX_MEDIAN[1] * middle) and upper <= max(_MAX_90[0], _MAX_90[1] * middle)
+    if same:
+        shift = f", {abs(shifts[best]):g} min {'later' if shifts[best] > 0 else 'earlier'}" if shifts[best] else ""
+        account.notes.append(
+            f"{stream.label} and {first.label} say the same glucose{shift}, for {hours}; {first.label} is used there."
+            if stream.label != first.label
+            else f"Two uploaders of {first.label} say the same glucose{shift}, for {hours}; it counts once."
+        )
+        return SAME_GLUCOSE
+    if stream.source == first.source:
+        account.notes.append(
+            f"Readings of one source follow two courses at the same time for {hours}, {apart:.0f} mg/dl apart in the "
+            f"median, as those of two sensors do. Both are kept, as {first.label} and {stream.label}; device "
+            "(--device) chooses one."
+        )
+        return ""
+    account.notes.append(
+        f"{stream.label} and {first.label} read at the same time for {hours} and disagree, by {apart:.0f} mg/dl in "
+        f"the median; {first.label}, which has more readings, is used there, and device (--device) chooses another one."
+    )
+    return OTHER_GLUCOSE

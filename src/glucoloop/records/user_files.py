@@ -1,0 +1,67 @@
+"""Files that a user names: one itself, those of a folder, and those of a ZIP as it was exported."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from glucoloop.records.file_text import LARGEST_BYTES, read_bytes
+from glucoloop.refusal import Refusal
+
+_ZIP: Final = b"PK\x03\x04"
+_MAX_FILES: Final = 1000
+_OFFICE: Final = "[Content_Types].xml"
+
+
+class UserFile(NamedTuple):
+    """Bytes of a file, with the path by which messages name it."""
+
+    path: Path
+    data: bytes
+    of_many: bool = False
+    """Whether it came with others, in a folder or a ZIP, some of which may be of another kind."""
+
+
+def files_of(path: Path) -> list[UserFile]:
+    """Files at a path; Refusal where there are none, or more than are meant for one person."""
+    if path.is_dir():
+        inside = sorted(file for file in path.iterdir() if not file.name.startswith(".") and file.is_file())
+        if not inside:
+            raise Refusal("it is a folder without files; give one with the files of a person")
+        if len(inside) > _MAX_FILES:
+            raise Refusal(f"it is a folder of {len(inside)} files, and at most {_MAX_FILES} can be read; divide it")
+        return [file._replace(of_many=True) for one in inside for file in files_of(one)]
+    data = read_bytes(path)
+    return _unpacked(path, data) if data.startswith(_ZIP) else [UserFile(path, data)]
+
+
+def _unpacked(path: Path, data: bytes) -> list[UserFile]:
+    """Files of a ZIP, of bounded number and size."""
+    result: list[UserFile] = []
+    left = LARGEST_BYTES
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = archive.namelist()
+            if _OFFICE in names:
+                raise Refusal("it is a workbook of a spreadsheet; save its table as CSV, and give that")
+            if len(names) > _MAX_FILES:
+                raise Refusal(f"it has {len(names)} files, and at most {_MAX_FILES} can be read; divide it")
+            for name in sorted(names):
+                place = Path(name)
+                if name.endswith("/") or any(part.startswith((".", "__MACOSX")) for part in place.parts):
+                    continue
+                with archive.open(name) as file:
+                    inside = file.read(left + 1)
+                left -= len(inside)
+                if left < 0:
+                    raise Refusal(f"it unfolds to more than {LARGEST_BYTES} bytes; divide it")
+                result.append(UserFile(path / place.name, inside, of_many=True))
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
+        if isinstance(error, Refusal):
+            raise
+        raise Refusal("it is a ZIP that is damaged or encrypted; unpack it, and give its folder") from None
+    if not result:
+        raise Refusal("it is an empty ZIP; give the one that was exported")
+    return result
