@@ -12,7 +12,7 @@ from glucoloop.meals import draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection, study
 from glucoloop.studies.detection.evaluate import Scores, _Days, _score
-from glucoloop.studies.detection.study import _results, _plot_detection
+from glucoloop.studies.detection.study import _plot_detection, _results
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
 TABLES = ("meals", "curve", "size_error", "day")
