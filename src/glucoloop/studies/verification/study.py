@@ -101,7 +101,7 @@ class _Part:
 
 
 def _arms_of(config: Verification) -> list[dict[str, Any]]:
-    """What identifies the parts, in their order: the controller, and the guard or the timing."""
+    """Names of the parts in their order: the controller, and the guard or the timing."""
     timings = [
         {"sample_time_min": sample_time, "precision": precision} for sample_time, precision in config.guard_timings()
     ]
@@ -187,7 +187,7 @@ class _Campaign:
 
 
 def files_of(config: Verification, results: Results) -> dict[str, bytes]:
-    """No page and no figure."""
+    """Further files: none, for there is no page and no figure."""
     del config, results
     return {}
 
