@@ -25,7 +25,7 @@ from glucoloop.cli.study_command import StudyOutcome, carry_out, study_options
 from glucoloop.component.base import Component
 from glucoloop.component.code import loaded
 from glucoloop.component.effects import NoEffectWarning
-from glucoloop.component.grammar import part_text
+from glucoloop.component.grammar import component_text
 from glucoloop.component.setting import known_names, value_text
 from glucoloop.refusal import Refusal
 from glucoloop.studies.catalogue import STUDIES
@@ -215,7 +215,7 @@ def _text(option: CommandOption, value: Any) -> str:
     if isinstance(value, Component):
         return value.text
     if isinstance(value, Mapping):
-        return part_text(value)
+        return component_text(value)
     if value is True and option.alone:
         return option.alone
     if isinstance(value, float) or hasattr(value, "dtype"):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.component.catalogue import catalogues
-from glucoloop.component.grammar import part_text
+from glucoloop.component.grammar import component_text
 from glucoloop.component.listing import described, listing
 from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import read_toml, toml_text
@@ -52,7 +52,7 @@ def test_text_table_json_and_toml_of_a_part_are_read_as_the_same_part(kind, name
     catalogue = KINDS[kind]
     part = catalogue[name].partial(data.draw(given_to(catalogue[name])))
     tree = part.tree()
-    text = part_text(tree)
+    text = component_text(tree)
     written = read_toml(toml_text({"part": tree}, ""), "a.toml").keys["part"]
     for again in (
         catalogue.parse(text),

@@ -49,7 +49,7 @@ def test_what_another_package_adds_is_listed(glucoloop, install):
 
 
 def test_an_unknown_name_is_refused_with_the_likely_one(refused):
-    assert refused("list", "spike") == "there is no part and no kind of parts 'spike'; did you mean 'spikes'?"
+    assert refused("list", "spike") == "there is no component and no kind of components 'spike'; did you mean 'spikes'?"
 
 
 def test_the_people_of_a_population_by_its_name(glucoloop):

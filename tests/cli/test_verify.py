@@ -113,6 +113,8 @@ def test_an_interrupt_tells_what_was_done_and_leaves_with_130(glucoloop, finds):
     assert answer.err.splitlines()[-1] == (
         "glucoloop: interrupted; of 100 loops 50 were checked to the end; their results follow."
     )
+    found = glucoloop(*ASKED, "--json").json
+    assert (found["loops"], found["interrupted"]) == (50, True)
 
 
 def test_an_interrupted_campaign_goes_on_in_its_folder_and_ends_as_a_whole_one(glucoloop, finds, tmp_path):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue, catalogues
-from glucoloop.component.grammar import part_text, part_tree, plain
+from glucoloop.component.grammar import component_text, component_tree, plain
 from glucoloop.component.setting import About, Default, Setting, default_by_noise, known_names
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import SETPOINT
@@ -67,10 +67,10 @@ VALUES = st.fixed_dictionaries(
 def test_a_part_is_read_again_from_its_text_and_from_its_tree(values):
     values = {key: value for key, value in values.items() if value != ""}
     part = _Desk.partial(values, display_name="desk")
-    again = LAMPS.parse(part_text(part.tree()))
+    again = LAMPS.parse(component_text(part.tree()))
     assert again.explicit == part.explicit
     assert LAMPS.read(part.tree()).explicit == part.explicit
-    assert plain(part_tree(part_text(part.tree()), "here")).keys() == part.tree().keys()
+    assert plain(component_tree(component_text(part.tree()), "here")).keys() == part.tree().keys()
     whole = part.completed()
     assert whole == _Desk(**values)
     assert whole.explicit == part.explicit

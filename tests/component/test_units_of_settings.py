@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from glucoloop.component.base import read
 from glucoloop.component.catalogue import catalogues
+from glucoloop.component.grammar import component_text, component_tree
 from glucoloop.component.grammar import given as given_values
-from glucoloop.component.grammar import part_text, part_tree
 from glucoloop.component.setting import WithUnit
 from glucoloop.control.basal_bolus import design_basal_bolus
 from glucoloop.pumps import dose_limits
@@ -42,8 +42,8 @@ def test_a_number_is_the_same_in_each_unit_in_texts_and_in_files(name, data):
     value = data.draw(possible_values(setting))
     unit = data.draw(st.sampled_from([setting.unit, *OTHER_UNITS[setting.unit]]))
     text = f"{value / factor_to(setting.unit, unit)!r}{data.draw(st.sampled_from(['', ' ']))}{unit}"
-    typed = part_tree(part_text({setting.name: text}), "--part")
-    short = part_tree(part_text({setting.name_without_unit: text}), "--part")
+    typed = component_tree(component_text({setting.name: text}), "--part")
+    short = component_tree(component_text({setting.name_without_unit: text}), "--part")
     of_file = given_values({setting.name: text}, "a.toml")
     for tree in (typed, short, of_file):
         made = read(part, tree)
@@ -52,7 +52,7 @@ def test_a_number_is_the_same_in_each_unit_in_texts_and_in_files(name, data):
         assert math.isclose(getattr(made, name), value, rel_tol=1e-14)
         assert type(getattr(made, name)) is float
         assert read(part, given_values(made.tree(), "a.toml")) == made
-        assert read(part, part_tree(part_text(made.tree()), "--part")) == made
+        assert read(part, component_tree(component_text(made.tree()), "--part")) == made
         if unit not in (setting.unit, "m"):
             assert isinstance(number, WithUnit)
             assert made.tree()[name] == text

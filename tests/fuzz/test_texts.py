@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.component.grammar import part_text, part_tree, plain
+from glucoloop.component.grammar import component_text, component_tree, plain
 from glucoloop.faults import FAULTS
 from glucoloop.situations.case import Case
 from glucoloop.situations.meal_text import meal_text, parse_meal
@@ -45,8 +45,8 @@ def _case(text):
 @settings(max_examples=200)
 def test_case_comes_back_from_its_text_or_is_refused(refusal, text):
     if refusal(_case, text) is None:
-        told = part_text(_case(text).tree())
-        assert part_text(_case(told).tree()) == told
+        told = component_text(_case(text).tree())
+        assert component_text(_case(told).tree()) == told
 
 
 @pytest.mark.long
@@ -55,9 +55,9 @@ def test_case_comes_back_from_its_text_or_is_refused(refusal, text):
 @example("mpc, x=" + "(x=" * 5000 + ")" * 5000)
 @settings(max_examples=200)
 def test_tree_of_a_part_comes_back_from_its_text_or_is_refused(refusal, text):
-    if refusal(part_tree, text, "--sensor") is None:
-        told = part_text(tree := plain(part_tree(text, "--sensor")))
-        assert plain(part_tree(told, "--sensor")) == tree
+    if refusal(component_tree, text, "--sensor") is None:
+        told = component_text(tree := plain(component_tree(text, "--sensor")))
+        assert plain(component_tree(told, "--sensor")) == tree
 
 
 @given(awkward | st.tuples(st.sampled_from([*FAULTS]), settings_texts).map(", ".join))

@@ -102,6 +102,13 @@ def test_the_headline_numbers_stand_with_their_units(page, report, reader):
         assert f"{undershoot / MG_DL_PER_MMOL_L:.2f}" in read.text["span"]
 
 
+def test_a_headline_number_has_the_digits_that_tell_it(report, make_case, reader):
+    table = {("Whole", ""): 3.0, ("Large", ""): 12.34, ("Small", ""): 1.234, ("Tiny", ""): 0.00123}
+    case = dataclasses.replace(make_case(10.0), table=table)
+    read = reader(trial_page(dataclasses.replace(report, cases={"one": case})))
+    assert {"3", "12.3", "1.23", "0.0012"} <= set(read.text["td"])
+
+
 def test_metrics_are_shown_in_their_units(page, report):
     assert page.count(">Undershoot</h3>") == page.count(">Insulin delivered</h3>") == 1
     for case in report.cases.values():

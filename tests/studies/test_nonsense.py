@@ -8,7 +8,8 @@ import pytest
 
 from glucoloop.control import GuardSettings, guard
 from glucoloop.metrics.promises import CAPS, OF_CONTROLLER, Caps
-from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification, nonsense, study
+from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification, nonsense
+from verified import results_of_verification
 
 SETTINGS = GuardSettings(max_hour=2.0, max_on_board=0.8, on_board_tau_min=90.0)
 BASAL = 20.0
@@ -76,7 +77,7 @@ def test_a_rate_counts_as_falling_no_faster_than_the_pump_can():
 
 def found(progress=lambda loops: None, **given):
     """What a nonsense test found, as it is read back."""
-    return study.results_of(Verification(**given), progress).plain
+    return results_of_verification(progress, **given)
 
 
 @pytest.mark.parametrize("patient", ["parker-1999", "hovorka-2004"])

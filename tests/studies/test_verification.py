@@ -23,7 +23,7 @@ from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.sensors import Reading, WhiteNoise
 from glucoloop.simulation.cohort import SampledInside
 from glucoloop.simulation.loop import LoopState
-from glucoloop.studies.verification import Verification, campaign, study
+from glucoloop.studies.verification import Verification, campaign
 from glucoloop.studies.verification.campaign import (
     KINDS,
     PUMP_KINDS,
@@ -35,6 +35,7 @@ from glucoloop.studies.verification.campaign import (
     circumstances_of,
 )
 from glucoloop.studies.verification.study import SAME_BITS
+from verified import results_of_verification
 
 PERSON = patient()
 REST = PERSON.steady_state(PERSON.basal_insulin_mU_min)
@@ -287,7 +288,7 @@ def closed():
 
 def found(progress=lambda loops: None, **given):
     """What a campaign of the controller `basal` found, as it is read back."""
-    return study.results_of(Verification(seed=5, controllers=("basal",), **given), progress).plain
+    return results_of_verification(progress, seed=5, controllers=("basal",), **given)
 
 
 @pytest.mark.long

@@ -43,20 +43,22 @@ class Surroundings:
 
 
 def sensor_of(situation: Situation) -> Sensor:
-    """Sensor of a situation without its faults: its parts, each around the one before."""
+    """Sensor of a situation without its faults: its components, each around the one before."""
     return _chain(situation, situation.sensor)
 
 
-def _chain(situation: Situation, parts: Iterable[SensorComponent]) -> Sensor:
+def _chain(situation: Situation, components: Iterable[SensorComponent]) -> Sensor:
     site = situation.site
     sensor: Sensor = IdealSensor(site=site)
-    for place, part in enumerate(part for part in parts if not isinstance(part, IdealSensor)):
-        if place and not part.takes("inner"):
-            raise Refusal(f"the sensor {part.display_name} has no other one inside; give it first, as the innermost")
-        sensor = part.made(site=site, inner=sensor, sample_time_min=situation.sample_time_min)
+    for place, component in enumerate(one for one in components if not isinstance(one, IdealSensor)):
+        if place and not component.takes("inner"):
+            raise Refusal(
+                f"the sensor {component.display_name} has no other one inside; give it first, as the innermost"
+            )
+        sensor = component.made(site=site, inner=sensor, sample_time_min=situation.sample_time_min)
         if site is not None and site_of(sensor) != site:
             raise Refusal(
-                f"the sensor {part.display_name} does not read glucose at the site {site!r}; leave the site out"
+                f"the sensor {component.display_name} does not read glucose at the site {site!r}; leave the site out"
             )
     return sensor
 
@@ -90,7 +92,7 @@ def surroundings_of(situation: Situation, faults: Iterable[FaultComponent] = ())
 
 
 def shared_surroundings(situation: Situation, cases: Iterable[Case]) -> list[Mapping[str, Surroundings]]:
-    """Groups of cases that can share a loop, by label; the parts in a group have the same structure."""
+    """Groups of cases that can share a loop, by label; the components in a group have the same structure."""
     alike: dict[str, list[Case]] = {}
     for case in cases:
         shareable = len(case.faults) <= 1 and all(fault.comes_and_goes for fault in case.faults)
@@ -104,27 +106,27 @@ def _together(situation: Situation, cases: list[Case]) -> dict[str, Surroundings
     if len(cases) == 1:
         return each
     bare = surroundings_of(situation)
-    sensors = _with_faults_of_all(bare.sensor, {label: part.sensor for label, part in each.items()})
-    pumps = _with_faults_of_all(bare.pump, {label: part.pump for label, part in each.items()})
+    sensors = _with_faults_of_all(bare.sensor, {label: component.sensor for label, component in each.items()})
+    pumps = _with_faults_of_all(bare.pump, {label: component.pump for label, component in each.items()})
     return {label: Surroundings(sensor=sensors[label], pump=pumps[label]) for label in each}
 
 
 def _with_faults_of_all(bare: Any, each: Mapping[str, Any]) -> dict[str, Any]:
     """Part of each case wrapped in the faults of all cases, of which only its own ever begins."""
-    nothing, kind_of = _kind(bare), {label: _kind(part) for label, part in each.items()}
-    kinds = {kind_of[label]: part for label, part in each.items() if kind_of[label] != nothing}
+    nothing, kind_of = _kind(bare), {label: _kind(component) for label, component in each.items()}
+    kinds = {kind_of[label]: component for label, component in each.items() if kind_of[label] != nothing}
     by_label = {}
-    for label, part in each.items():
+    for label, component in each.items():
         whole = bare
         for kind, example in kinds.items():
-            whole = (part if kind == kind_of[label] else _idle(example)).replaced(inner=whole)
+            whole = (component if kind == kind_of[label] else _idle(example)).replaced(inner=whole)
         by_label[label] = whole
     return by_label
 
 
-def _kind(part: Any) -> tuple[type, Any]:
-    """Type and structure of a part, which cannot differ within a loop; JAX ignores the class where numbers agree."""
-    return type(part), jax.tree.structure(part)
+def _kind(component: Any) -> tuple[type, Any]:
+    """Type and structure of a component, the same within a loop; JAX ignores the class where numbers agree."""
+    return type(component), jax.tree.structure(component)
 
 
 def _idle(fault: Any) -> Any:

@@ -31,7 +31,7 @@ _INTRO: Final = (
 )
 COMMANDS: Final = {
     "lab": CommandEntry("glucoloop.cli.lab:LAB", SIMULATE, "Write the laboratory as one page, for the browser."),
-    "list": CommandEntry("glucoloop.cli.listing:LIST", MODELS, "List all parts, and the settings of each."),
+    "list": CommandEntry("glucoloop.cli.listing:LIST", MODELS, "List all components, and the settings of each."),
     "export": CommandEntry("glucoloop.cli.export:EXPORT", CARRY_ON, "Write a controller as C for a microcontroller."),
     "records": CommandEntry("glucoloop.cli.records:RECORDS", MODELS, "Read records of sensors, pumps and apps."),
     "cite": CommandEntry("glucoloop.cli.cite:CITE", RESULTS, "Print what to cite for a run, as BibTeX."),

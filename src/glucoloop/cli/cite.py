@@ -13,7 +13,7 @@ from glucoloop.component.base import Component
 from glucoloop.component.catalogue import catalogues
 from glucoloop.component.code import loaded
 from glucoloop.component.grammar import NONE
-from glucoloop.component.references import Reference, cited_parts, known_references, reference
+from glucoloop.component.references import Reference, cited_components, known_references, reference
 from glucoloop.component.setting import Setting, known_names
 from glucoloop.metrics.catalogue import METRICS
 from glucoloop.refusal import Refusal
@@ -22,8 +22,8 @@ from glucoloop.studies.catalogue import STUDIES
 HELP: Final = (
     "Print what to cite for a run, a trial or another study: glucoloop, and the publications of each patient, "
     "population, meal model, sensor, pump, controller, estimator and metric in it, as BibTeX.\n\n"
-    "Name the folder or the file that a command wrote, or parts by their names. Without either, glucoloop alone is "
-    "cited. A part that follows no publication, or that another package brings without naming one, is said.\n\n"
+    "Name the folder or the file that a command wrote, or components by their names. Without either, glucoloop alone "
+    "is cited. A component that follows no publication, or that another package brings without naming one, is said.\n\n"
     "  glucoloop cite trial\n\n"
     "  glucoloop cite run/run.toml > run.bib\n\n"
     "  glucoloop cite hovorka-2004 dexcom-g6"
@@ -57,7 +57,7 @@ def _plain(source: str, entry: Reference, users: list[str]) -> dict[str, Any]:
 
 
 def _parts_of(text: str) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Parts of a folder, of a file, or by a name, with the publications of each."""
+    """Components of a folder, of a file, or by a name, with the publications of each."""
     path = Path(text)
     if path.is_dir():
         files = sorted(file for file in path.glob("*.toml") if file.stem in STUDIES)
@@ -72,7 +72,7 @@ def _parts_of(text: str) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _parts_of_file(path: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Parts that the file of a command says were used; of this package only those that follow a publication."""
+    """Components that the file of a command says were used; of this package those that follow a publication."""
     from glucoloop.situations.toml import read_file
 
     used = read_file(str(path)).used
@@ -84,46 +84,48 @@ def _parts_of_file(path: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield f"population {leaf}", (leaf,)
         if key in settings and leaf != NONE:
             for item in leaf if isinstance(leaf, list) else [leaf]:
-                results = cited_parts(settings[key].kind.catalogue.read(_without_computed(item)))
-                yield from (_described(part) for part in results if part.sources or not _is_own(part))
+                results = cited_components(settings[key].kind.catalogue.read(_without_computed(item)))
+                yield from (
+                    _described(component) for component in results if component.sources or not _is_own(component)
+                )
     if "metrics" in used:
-        yield from (_described(part) for part in METRICS.values() if part.always and part.sources)
+        yield from (_described(component) for component in METRICS.values() if component.always and component.sources)
 
 
 def _without_computed(tree: Any) -> Any:
-    """The tree of a part without what its design settled."""
+    """The tree of a component without what its design settled."""
     return {key: leaf for key, leaf in tree.items() if key != "settled"} if isinstance(tree, dict) else tree
 
 
-def _is_own(part: type[Component]) -> bool:
-    return part.__module__.partition(".")[0] == _PROGRAM
+def _is_own(component: type[Component]) -> bool:
+    return component.__module__.partition(".")[0] == _PROGRAM
 
 
-def _described(part: type[Component]) -> tuple[str, tuple[str, ...]]:
-    return f"{part.kind} {part.name}", part.sources
+def _described(component: type[Component]) -> tuple[str, tuple[str, ...]]:
+    return f"{component.kind} {component.name}", component.sources
 
 
 def _settings() -> Mapping[str, Setting]:
-    """Settings of all studies whose values are parts, by name."""
+    """Settings of all studies whose values are components, by name."""
     results: dict[str, Setting] = {}
     for entry in STUDIES.values():
         request: type[Component] | None = getattr(loaded(entry.place), "request", None)
         if request is not None:
-            results.update((name, setting) for name, setting in request.settings().items() if setting.is_part)
+            results.update((name, setting) for name, setting in request.settings().items() if setting.is_component)
     return results
 
 
 def _named(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     kinds = catalogues()
-    results = [parts.find(name) for parts in kinds.values() if name in parts.names()]
+    results = [components.find(name) for components in kinds.values() if name in components.names()]
     yield from map(_described, results)
-    populations = {population for part in kinds["patient"].values() for population in part.populations}
+    populations = {population for component in kinds["patient"].values() for population in component.populations}
     if name in populations:
         yield f"population {name}", (name,) if name in known_references() else ()
     elif not results:
-        every = [*populations, *(known for parts in kinds.values() for known in parts.names())]
-        known = known_names(name, every, where="glucoloop list shows every part")
-        raise Refusal(f"there is no file, folder or part {name!r}; {known}")
+        every = [*populations, *(known for components in kinds.values() for known in components.names())]
+        known = known_names(name, every, where="glucoloop list shows every component")
+        raise Refusal(f"there is no file, folder or component {name!r}; {known}")
 
 
 CITE: Final = Command(
@@ -133,7 +135,7 @@ CITE: Final = Command(
         CommandOption(
             "what",
             "WHAT...",
-            "A folder or a file that a command wrote, or the name of a part.",
+            "A folder or a file that a command wrote, or the name of a component.",
             metavar="WHAT",
             required=False,
             many=True,

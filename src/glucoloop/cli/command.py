@@ -119,15 +119,15 @@ class _Parser(argparse.ArgumentParser):
         raise Refusal(f"{missing[1]} is missing; {see}" if missing is not None else f"{message}; {see}")
 
     def _other_way(self, word: str) -> str:
-        """Advice for an option that is none: a part that is left out, or a setting of a part; empty for others."""
+        """Advice for an option that is none: a component to leave out, or a setting of one; empty for others."""
         from glucoloop.component.catalogue import catalogues
 
         switch = self._by_flag.get(word.replace("--no-", "--", 1))
         if word.startswith("--no-") and switch is not None and switch.metavar is not None:
             return f"write {switch.flag} none"
         for kind, catalogue in catalogues().items():
-            for name, part in catalogue.items() if f"--{kind}" in self._by_flag else ():
-                for setting in part.settings().values():
+            for name, component in catalogue.items() if f"--{kind}" in self._by_flag else ():
+                for setting in component.settings().values():
                     flag = flag_of(setting.name, setting.unit)
                     if word in (flag, f"--{setting.name}".replace("_", "-"), f"--{kind}-{flag[2:]}"):
                         return f"write --{kind} '{'' if catalogue.unnamed else f'{name}, '}{setting.name}=...'"

@@ -1,4 +1,4 @@
-"""``glucoloop list``: what there is to choose from, with the settings of each part."""
+"""``glucoloop list``: what there is to choose from, with the settings of each component."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ _REQUESTS: Final = {
 
 
 def _list(typed: Given) -> None:
-    """Print a description of each part."""
+    """Print a description of each component."""
     config = typed.get("what")
-    patient = next((name for name, part in PATIENTS.items() if config in part.populations), None)
+    patient = next((name for name, component in PATIENTS.items() if config in component.populations), None)
     if patient is None:
-        parts = listed(config, _REQUESTS)
-        text = listing(parts, width_of_text())
+        components = listed(config, _REQUESTS)
+        text = listing(components, width_of_text())
     else:
         from glucoloop.situations.population import described_population
 
         described, lines = described_population(str(config), patient)
-        parts = [described]
+        components = [described]
         width = width_of_text()
         text = "\n".join(textwrap.fill(line, width, subsequent_indent="    ", break_on_hyphens=False) for line in lines)
     if typed.get("json"):
         from glucoloop.storage.files import with_version
 
-        print_value(with_version({"parts": parts}))
+        print_value(with_version({"parts": components}))
     else:
         print_text(text)
 
@@ -58,7 +58,7 @@ LIST: Final = Command(
     HELP,
     (
         CommandOption(
-            "what", "KIND|NAME", "A kind of parts, one of them, or a population.", metavar="NAME", required=False
+            "what", "KIND|NAME", "A kind of components, one of them, or a population.", metavar="NAME", required=False
         ),
         JSON,
     ),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from glucoloop.component.base import Component
-from glucoloop.component.grammar import part_text
+from glucoloop.component.grammar import component_text
 from glucoloop.component.setting import Setting, value_text
 from glucoloop.situations.option import OUTPUT_PANEL, WORK_PANEL, Option
 
@@ -84,8 +84,8 @@ def flag_of(name: str, unit: str) -> str:
 
 
 def _metavar(setting: Setting) -> str:
-    if setting.is_part:
-        return "PART"
+    if setting.is_component:
+        return "COMPONENT"
     return (
         "|".join(map(str, setting.choices))
         or _METAVARS.get(setting.unit)
@@ -99,7 +99,7 @@ def _default_text(setting: Setting) -> str:
     if default is None or isinstance(default, bool | Component) or default == ():
         return ""
     if isinstance(default, tuple) and isinstance(default[0], Component):
-        return ", ".join(part_text(part.tree()) for part in default)
+        return ", ".join(component_text(component.tree()) for component in default)
     return ", ".join(map(value_text, default)) if setting.many else value_text(default)
 
 
@@ -157,16 +157,16 @@ DASK: Final = CommandOption(
 NOISE: Final = CommandOption(
     "noise",
     "--noise",
-    "Variance of white noise on each reading, (mg/dl)²; the paper's is 1.45. Short for a part of --sensor.",
+    "Variance of white noise on each reading, (mg/dl)²; the paper's is 1.45. Short for a component of --sensor.",
     panel="Sensor and pump",
     metavar="VARIANCE",
 )
 DEAD_TIME: Final = CommandOption(
     "dead_time",
     "--dead-time",
-    "Delay of the readings in whole samples. Short for a part of --sensor.",
+    "Delay of the readings in whole samples. Short for a component of --sensor.",
     panel="Sensor and pump",
     metavar="MIN",
 )
 SHORT: Final = (NOISE, DEAD_TIME)
-"""Options that stand for a part of the sensor."""
+"""Options that stand for a component of the sensor."""

@@ -95,7 +95,7 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
     for option, name, setting in ((NOISE, "white-noise", "variance"), (DEAD_TIME, "dead-time", "minutes")):
         if option.key in typed:
             chain = as_tables(tree.get("sensor", []), "sensor")
-            tree["sensor"] = _with_part(
+            tree["sensor"] = _with_component(
                 chain, name, {setting: GivenValue(typed[option.key], option.flag, by_option=True)}
             )
     for text in typed.get(SET.key, ()):
@@ -113,20 +113,20 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
 
 
 def _leaf(option: CommandOption, value: Any) -> Any:
-    """The value, the part, or the list of either that an option gives."""
+    """The value, the component, or the list of either that an option gives."""
     setting = option.setting
     assert setting is not None
     texts = [text for text in (value if option.many else [value]) if isinstance(text, str)]
-    optional = option.many or (setting.is_part and setting.optional)
+    optional = option.many or (setting.is_component and setting.optional)
     if optional and any(text.strip() == NONE for text in texts):
         if len(texts) > 1:
             raise Refusal(f"{option.flag} none leaves all of them out; give it alone")
         return [] if option.many else GivenValue(None, option.flag, text=False)
-    if setting.is_part:
+    if setting.is_component:
         if not all(text.strip() for text in texts):
-            raise Refusal(f"{option.flag} is empty; give a part or settings after it")
-        parts = [setting.kind.catalogue.tree(text, option.flag) for text in texts]
-        return parts if option.many else parts[0]
+            raise Refusal(f"{option.flag} is empty; give a component or settings after it")
+        components = [setting.kind.catalogue.tree(text, option.flag) for text in texts]
+        return components if option.many else components[0]
     if option.many:
         return [GivenValue(text, option.flag, by_option=True) for text in value]
     return GivenValue(value, option.flag, text=isinstance(value, str), by_option=True)
@@ -180,10 +180,10 @@ def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
     return [functools.reduce(over, given_cases, tables[0])]
 
 
-def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
-    """A chain in which a part has these settings; noise is put inside a dead time, either outside others."""
-    if any(plain(part.get(NAME)) == name for part in chain):
-        return [{**part, **settings} if plain(part.get(NAME)) == name else part for part in chain]
+def _with_component(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
+    """A chain in which a component has these settings; noise is put inside a dead time, either outside others."""
+    if any(plain(component.get(NAME)) == name for component in chain):
+        return [{**component, **settings} if plain(component.get(NAME)) == name else component for component in chain]
     [leaf] = settings.values()
     new = {NAME: GivenValue(name, leaf.source), **settings}
     late = bool(chain) and name != "dead-time" and plain(chain[-1].get(NAME)) == "dead-time"

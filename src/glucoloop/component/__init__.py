@@ -1,6 +1,7 @@
-"""Parts: everything that a user names, as a name with settings, in one grammar for command line, files and Python.
+"""Components: everything that a user names, with settings, in one grammar for command line, files and Python.
 
-Here is what a part is; the parts themselves are declared beside what they make, and `catalogue.HOMES` says where.
+Here is what a component is; the components themselves are declared beside what they make, and `catalogue.HOMES` says
+where.
 """
 
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, derived, derived_static, wired

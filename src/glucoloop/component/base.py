@@ -1,6 +1,6 @@
-"""A part: a frozen class whose annotated fields are its settings, and which knows what was given to it.
+"""A component: a frozen class whose annotated fields are its settings, and which knows what was given to it.
 
-A part is declared once, beside its science::
+A component is declared once, beside its science::
 
     class Lag(SensorComponent, name="lag"):
         \"\"\"Glucose behind a first-order lag, as under the skin.\"\"\"
@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 
 from glucoloop.component.code import loaded
 from glucoloop.component.effects import Need
-from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
+from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, component_text, place, plain
 from glucoloop.component.setting import (
     ALL_SETTINGS,
     Default,
@@ -55,11 +55,11 @@ class Component:
         For a value out of its bounds, or at odds with another; ``ArgumentTypeError`` for one of another type.
     """
 
-    kind: ClassVar[str] = "part"
+    kind: ClassVar[str] = "component"
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
     sources: ClassVar[tuple[str, ...]] = ()
-    """Publications that the part is made after: keys of `component.references`, or whole references as texts."""
+    """Publications that the component is made after: keys of `component.references`, or whole references as texts."""
     may_have: ClassVar[tuple[str, ...]] = ()
     """Reserved names that settings of this class may have all the same."""
     any_number: ClassVar[Quantity | None] = None
@@ -89,7 +89,7 @@ class Component:
             for field in dataclasses.fields(cls):
                 if field.name in _RESERVED and field.name not in cls.may_have:
                     raise TypeError(
-                        f"a setting of {cls.__name__} is called {field.name!r}, as of every part; rename it"
+                        f"a setting of {cls.__name__} is called {field.name!r}, as of every component; rename it"
                     )
             cls.__init__ = _checking(cls, cls.__init__)
 
@@ -98,7 +98,7 @@ class Component:
 
     @classmethod
     def settings(cls) -> Mapping[str, Setting]:
-        """Settings of the part by name, as its fields declare them; each has a description and a default."""
+        """Settings of the component by name, as its fields declare them; each has a description and a default."""
         result: dict[str, Setting] | None = vars(cls).get("_settings")
         if result is None:
             result = {}
@@ -118,7 +118,7 @@ class Component:
 
     @classmethod
     def facts(cls) -> dict[str, Any]:
-        """Further plain values for a list of parts, beside the settings."""
+        """Further plain values for a list of components, beside the settings."""
         return {}
 
     @classmethod
@@ -163,9 +163,9 @@ class Component:
         return self
 
     def completed(self, defaults: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
-        """The part with a value for every setting: for those that were not given, the default one or the default.
+        """The component with a value for every setting: where none is explicit, one of `defaults` or the class's own.
 
-        Usual ones are values, or a `Default` that depends on noise. Settings that are at odds with one another are
+        Defaults are values, or a `Default` that depends on noise. Settings that are at odds with one another are
         refused.
         """
         values = dict(self.explicit)
@@ -179,11 +179,11 @@ class Component:
         return whole._noted(self.explicit, self.source, self.display_name)
 
     def uses(self) -> frozenset[Need]:
-        """Needs that the part meets, for settings of the request or of its own."""
+        """Needs that the component meets, for settings of the request or of its own."""
         return frozenset()
 
     def needs(self) -> tuple[Need, ...]:
-        """Needs of the part itself to have an effect."""
+        """Needs of the component itself to have an effect."""
         return ()
 
     def values(self) -> dict[str, Any]:
@@ -195,14 +195,14 @@ class Component:
         result: Tree = {NAME: self.display_name} if self.display_name else {}
         for name, value in (self.values() if whole else self.explicit).items():
             if name not in self.refused:
-                left_out = value is None and not whole and self.setting(name).is_part
+                left_out = value is None and not whole and self.setting(name).is_component
                 result[name] = NONE if left_out else _plain(value, whole)
         return result
 
     @property
     def text(self) -> str:
-        """Text from which the same part is read, with every setting."""
-        return part_text(self.tree(whole=True))
+        """Text from which the same component is read, with every setting."""
+        return component_text(self.tree(whole=True))
 
     def __str__(self) -> str:
         return self.text
@@ -224,20 +224,20 @@ class Component:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(typing.cast(Any, self))}
 
 
-def _inherit_annotations(part: type[Component]) -> None:
+def _inherit_annotations(component: type[Component]) -> None:
     """A default that a class gives without a description is one of the setting that it inherits."""
-    inherited = next((base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)), None)
+    inherited = next((base for base in component.__mro__[1:] if dataclasses.is_dataclass(base)), None)
     known = () if inherited is None else dataclasses.fields(typing.cast(Any, inherited))
-    changed = [field.name for field in known if field.name in vars(part)]
-    undescribed = [name for name in changed if not hasattr(_annotation(part, name), "__metadata__")]
+    changed = [field.name for field in known if field.name in vars(component)]
+    undescribed = [name for name in changed if not hasattr(_annotation(component, name), "__metadata__")]
     if inherited is not None and undescribed:
         described = {name: _annotation(inherited, name) for name in undescribed}
-        part.__annotations__ = {**inspect.get_annotations(part), **described}
+        component.__annotations__ = {**inspect.get_annotations(component), **described}
 
 
-def _annotation(part: type[Any], name: str) -> Any:
+def _annotation(component: type[Any], name: str) -> Any:
     """Annotation of a field, evaluated alone: those of other fields may name what imports JAX."""
-    base = next(base for base in part.__mro__ if name in inspect.get_annotations(base))
+    base = next(base for base in component.__mro__ if name in inspect.get_annotations(base))
     annotation = inspect.get_annotations(base)[name]
     if isinstance(annotation, str):
         return eval(annotation, vars(sys.modules[base.__module__]), dict(vars(base)))
@@ -261,32 +261,32 @@ def _bare(value: Any) -> Any:
     return float(value) if isinstance(value, WithUnit) else value
 
 
-def _checking(part: type[Component], plain_init: Callable[..., None]) -> Callable[..., None]:
+def _checking(component: type[Component], plain_init: Callable[..., None]) -> Callable[..., None]:
     """Constructor that takes numbers of NumPy and JAX as well, and refuses what is out of bounds."""
 
     @functools.wraps(plain_init)
     def init(self: Component, *args: Any, **kwargs: Any) -> None:
-        if type(self) is not part:  # a class that extends this one checks all of its settings itself
+        if type(self) is not component:  # a class that extends this one checks all of its settings itself
             plain_init(self, *args, **kwargs)
             return
-        fields = dataclasses.fields(typing.cast(Any, part))
+        fields = dataclasses.fields(typing.cast(Any, component))
         names = [field.name for field in fields if not field.kw_only]
         given = {**dict(zip(names, args, strict=False)), **kwargs}
         known = {field.name for field in fields if field.init}
         if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= known:
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
-        settings = part.settings()
-        values = {name: _bare(_taken(part, name, value)) for name, value in given.items() if name in settings}
-        wiring = {name: _connected(part, name, value) for name, value in given.items() if name not in settings}
+        settings = component.settings()
+        values = {name: _bare(_taken(component, name, value)) for name, value in given.items() if name in settings}
+        wiring = {name: _connected(component, name, value) for name, value in given.items() if name not in settings}
         plain_init(self, **values, **wiring)
         self._noted(values, "", "")
 
     return init
 
 
-def _taken(part: type[Component], name: str, value: Any) -> Any:
+def _taken(component: type[Component], name: str, value: Any) -> Any:
     """A value within its bounds, in the type of its setting."""
-    setting = part.settings()[name]
+    setting = component.settings()[name]
     if setting.kind not in _SCALARS or setting.many:
         return setting.check(value)
     value = setting.read(value) if _has_unit(setting, value) else value
@@ -294,24 +294,24 @@ def _taken(part: type[Component], name: str, value: Any) -> Any:
     if not (of_python and (setting.choices or setting.has_type(value) or (value is None and setting.optional))):
         from glucoloop.arguments import converted, is_traced  # which imports JAX
 
-        value = converted(name, value, setting.kind, part.__name__)
+        value = converted(name, value, setting.kind, component.__name__)
         if is_traced(value):
             return value
     return setting.check(value)
 
 
-def _connected(part: type[Component], name: str, value: Any) -> Any:
+def _connected(component: type[Component], name: str, value: Any) -> Any:
     """A value of a field that is no setting, of the type of its annotation."""
     from glucoloop.arguments import converted
 
-    return converted(name, value, typing.get_type_hints(part)[name], part.__name__)
+    return converted(name, value, typing.get_type_hints(component)[name], component.__name__)
 
 
-def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, source: str | None = None) -> P:
-    """A part from a tree of given values, of which some may be texts; parts in it are read by their catalogues.
+def read(component: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, source: str | None = None) -> P:
+    """A component from a tree of given values, some of them texts; components in it are read by their catalogues.
 
     Values that are possible and implausible are taken only with `allow_unusual`. `source` is the option or file in
-    which the part stands, by default that of its first value.
+    which the component stands, by default that of its first value.
     """
     values: dict[str, Any] = {}
     places: dict[str, str] = {}
@@ -319,27 +319,27 @@ def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, 
         if key == NAME:
             continue
         at = place(leaf)
-        if key in part.refused:
+        if key in component.refused:
             what = at if at.startswith("--") else f"{at}: {key}" if at else key
-            raise Refusal(f"{what} is no part of {_with_article(part.kind)}; leave it out")
+            raise Refusal(f"{what} is no part of {_with_article(component.kind)}; leave it out")
         try:
-            setting = part.setting(key)
+            setting = component.setting(key)
         except Refusal as error:
             raise error.within(at) from None
         key = setting.name
         if places.setdefault(key, at) == at and key in values:
             raise Refusal(f"{at}: {key} is given twice, once without its unit; leave one out")
-        if setting.is_part:
-            values[key] = _parts(setting, leaf, allow_unusual)
+        if setting.is_component:
+            values[key] = _components(setting, leaf, allow_unusual)
             continue
-        value, label = _value(setting, leaf), ": ".join(filter(None, (at, part.name if NAME in tree else "")))
+        value, label = _value(setting, leaf), ": ".join(filter(None, (at, component.name if NAME in tree else "")))
         first = leaf[0] if isinstance(leaf, list) and leaf else leaf
         if isinstance(first, GivenValue) and first.by_option:
             setting, label = setting.renamed(at), ""
         values[key] = setting.check(value, label)
         if not allow_unusual:
-            setting.refuse_unusual(values[key], ": ".join(filter(None, (label, setting.name))), part.any_number)
-    return part.partial(values, place(tree) if source is None else source, plain(tree.get(NAME, "")))
+            setting.refuse_unusual(values[key], ": ".join(filter(None, (label, setting.name))), component.any_number)
+    return component.partial(values, place(tree) if source is None else source, plain(tree.get(NAME, "")))
 
 
 def _value(setting: Setting, leaf: Any) -> Any:
@@ -358,7 +358,7 @@ def _has_unit(setting: Setting, value: Any) -> bool:
     return setting.kind is float and isinstance(value, str) and not value.rstrip()[-1:].isdecimal()
 
 
-def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
+def _components(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
     catalogue = setting.kind.catalogue
     if setting.optional and plain(leaf) in (None, NONE):
         return None
@@ -371,7 +371,7 @@ def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
 
 
 class MadeComponent(Component):
-    """A part of which a function makes something.
+    """A component of which a function makes something.
 
     It is called with all settings by name, and with what else is known if it has a parameter of that name. A class that
     overrides `made` needs no such function.
@@ -381,7 +381,7 @@ class MadeComponent(Component):
     """The function, as ``module:function``; a class will do."""
 
     def made(self, **known: Any) -> Any:
-        """Object that the part stands for; making it imports JAX."""
+        """Object that the component stands for; making it imports JAX."""
         return self.made_of(self.values(), known)
 
     @classmethod

@@ -11,7 +11,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from glucoloop.component.base import Component, read
 from glucoloop.component.code import added, entry_points, loaded
-from glucoloop.component.grammar import NAME, Tree, as_table, part_tree, place, plain
+from glucoloop.component.grammar import NAME, Tree, as_table, component_tree, place, plain
 from glucoloop.component.setting import known_names
 from glucoloop.refusal import Refusal
 
@@ -46,12 +46,12 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
     Parameters
     ----------
     base : type
-        Class of which each part is a subclass; its ``kind`` names the kind, and its entry points are in the group
+        Class of which each component is a subclass; its ``kind`` names the kind, and its entry points are in the group
         ``glucoloop.<kind>s``, with an underscore for a space.
     places : mapping of str to str
         Place ``module:Class`` of each component of this package by its name, the default one first.
     example : str
-        Text of a part, for messages.
+        Text of a component, for messages.
     unnamed : bool
         Whether a text or a table without a name is one of the default component.
     """
@@ -82,36 +82,36 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
         return next(iter(self))
 
     def names(self) -> list[str]:
-        """Names of all parts, those of other packages included, which are not imported."""
+        """Names of all components, those of other packages included, which are not imported."""
         return [*self, *sorted(entry_points(self._group))]
 
     def find(self, name: str) -> type[P]:
-        """A part by name: of this package, of another one, or ``module:Class``."""
+        """A component by name: of this package, of another one, or ``module:Class``."""
         if name in self:
             return self[name]
-        kind, part = self._base.kind, added(self._group, name)
-        if part is None:
+        kind, component = self._base.kind, added(self._group, name)
+        if component is None:
             raise Refusal(f"unknown {kind} {name!r}; {known_names(name, self.names())}")
-        if not (isinstance(part, type) and issubclass(part, self._base)):
+        if not (isinstance(component, type) and issubclass(component, self._base)):
             raise Refusal(f"{name} is no {kind}: make it a class of {self._base.__name__}")
-        if not part.name:
-            part.name = name
-        return part
+        if not component.name:
+            component.name = name
+        return component
 
     def choose(self, text: str) -> P:
-        """A part from its text, with its defaults for the settings that it does not give."""
+        """A component from its text, with its defaults for the settings that it does not give."""
         return self.parse(text).completed()
 
     def parse(self, text: str, source: str = "") -> P:
-        """A part from its text; what it does not give is left to be completed."""
+        """A component from its text; what it does not give is left to be completed."""
         return self.read(self.tree(text, source))
 
     def tree(self, text: str, source: str = "") -> Tree:
-        """Tree of a part from its text."""
-        return part_tree(text, source, self.example)
+        """Tree of a component from its text."""
+        return component_tree(text, source, self.example)
 
     def read(self, tree: Any, *, allow_unusual: bool = True) -> P:
-        """A part from its tree, or from its text as a leaf of one; `allow_unusual` as for `part.read`."""
+        """A component from its tree, or from its text as a leaf of one; `allow_unusual` as for `component.read`."""
         tree = as_table(tree, self.tree)
         source = place(tree)
         try:
@@ -121,12 +121,12 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
             if not isinstance(name, str) or not name:
                 given = f"no {self._base.kind} is named" if name is None else f"{name!r} names no {self._base.kind}"
                 raise Refusal(f"{given}; begin with its name, like {self.example!r}")
-            part = self.find(name)
+            component = self.find(name)
         except Refusal as error:
             raise error.within(source) from None
-        return read(part, tree, allow_unusual=allow_unusual)
+        return read(component, tree, allow_unusual=allow_unusual)
 
 
 def catalogues() -> dict[str, Catalogue[Any]]:
-    """Every catalogue by the kind of its parts."""
+    """Every catalogue by the kind of its components."""
     return {kind: loaded(home) for kind, home in HOMES.items()}

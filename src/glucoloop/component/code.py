@@ -18,33 +18,33 @@ from typing import Any
 from glucoloop.refusal import Refusal
 
 _CODE: dict[str, tuple[str, str]] = {}
-"""Package or module of each part that was found elsewhere, and the digest of its code, by the name of the part."""
+"""Package or module of each component from elsewhere, and the digest of its code, by the name of the component."""
 
 
 def outside_code(config: object) -> dict[str, str]:
     """Digests of the code of other packages that a configuration names, of which glucoloop's version says nothing."""
-    result = dict(_CODE[name] for name in _outside_parts(config))
+    result = dict(_CODE[name] for name in _outside_components(config))
     return {f"code of {package}": digest for package, digest in sorted(result.items())}
 
 
 def names_code(config: object) -> bool:
     """Whether a configuration names code as ``module:attribute``."""
-    return any(":" in name for name in _outside_parts(config))
+    return any(":" in name for name in _outside_components(config))
 
 
-def _outside_parts(config: object) -> Iterator[str]:
-    """Names of the parts of other packages in a configuration."""
+def _outside_components(config: object) -> Iterator[str]:
+    """Names of the components of other packages in a configuration."""
     if isinstance(config, str):
         name = config.partition(",")[0].strip()
         if name in _CODE:
             yield name
     elif isinstance(config, Mapping | list | tuple):
         for inner in config.values() if isinstance(config, Mapping) else config:
-            yield from _outside_parts(inner)
+            yield from _outside_components(inner)
 
 
 def _note_code(name: str, value: str) -> None:
-    """Note the code of a part as it was when it was loaded: all files of its package, or the file of its module."""
+    """Note the code of a component when it is loaded: all files of its package, or the file of its module."""
     package = value.partition(":")[0].partition(".")[0]
     module = sys.modules.get(package)
     alone = getattr(module, "__file__", None)
@@ -67,7 +67,7 @@ def entry_points(group: str) -> dict[str, str]:
 _allowed: Callable[[str], bool] | None = None
 """Whether a name ``module:attribute`` may be imported; None: any."""
 _from_here = False
-"""Whether a part was found by such a name, so that what it names may lie in the current folder too."""
+"""Whether a component was found by such a name, so that what it names may lie in the current folder too."""
 
 
 @contextlib.contextmanager
@@ -107,16 +107,16 @@ def found(name: str, value: str) -> Any:
     if name == value:
         global _from_here
         _from_here = True
-    part = loaded(value)
+    component = loaded(value)
     _note_code(name, value)
-    return part
+    return component
 
 
 def loaded(value: str) -> Any:
     """Object that ``module:attribute`` names; Refusal for a module that cannot be imported, or a missing attribute.
 
-    The current folder is searched too, last, once a part was found by such a name: nothing that lies there takes the
-    place of an installed module.
+    The current folder is searched too, last, once a component was found by such a name: nothing that lies there takes
+    the place of an installed module.
     """
     module, _, attribute = value.partition(":")
     added = ""
@@ -125,8 +125,8 @@ def loaded(value: str) -> Any:
             added = str(Path.cwd())
             sys.path.append(added)
         result: Any = importlib.import_module(module)
-        for part in attribute.split("."):
-            result = getattr(result, part)
+        for name in attribute.split("."):
+            result = getattr(result, name)
     except AttributeError:
         raise Refusal(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
     except Exception as error:  # whatever somebody else's module does when it is imported

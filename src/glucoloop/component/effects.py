@@ -1,6 +1,6 @@
-"""Settings without effect: a setting says what it needs, and a part what it uses, so that both can be compared.
+"""Settings without effect: a setting says what it needs, and a component what it uses, so that both can be compared.
 
-`situations.unused` compares what was given of a request with what all of its parts use, and words a note for each
+`situations.unused` compares what was given of a request with what all of its components use, and words a note for each
 setting that changes nothing.
 """
 

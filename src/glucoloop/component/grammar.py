@@ -1,8 +1,8 @@
-"""Text of a part, as on the command line: ``mpc-se, move_horizon=2``; and the tree that files and JSON hold.
+"""Text of a component, as on the command line: ``mpc-se, move_horizon=2``; and the tree that files and JSON hold.
 
-A text without a name, ``move_horizon=2``, sets settings of the part that is there already. A value stays the text that
-was typed until the type of its setting is known: only then is ``1:5`` a range and ``06:30`` a time. A list stands in
-brackets, and a part with settings in parentheses: ``habits=[skipped, (snack, time=15h)]``.
+A text without a name, ``move_horizon=2``, sets settings of the component that is there already. A value stays the text
+that was typed until the type of its setting is known: only then is ``1:5`` a range and ``06:30`` a time. A list stands
+in brackets, and a component with settings in parentheses: ``habits=[skipped, (snack, time=15h)]``.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from glucoloop.text import shown
 
 NAME: Final = "name"
 NONE: Final = "none"
-"""Text in place of a part or a list that leaves it out."""
+"""Text in place of a component or a list that leaves it out."""
 Tree = dict[str, Any]
-"""A part as plain values: its name, and the settings that were given; a nested part is a tree."""
+"""A component as plain values: its name, and the settings that were given; a nested component is a tree."""
 _BARE: Final = re.compile(r"[^,='\"()\[\]]+")
 _DEEPEST: Final = 10
-"""Largest number of parts within one another."""
+"""Largest number of components within one another."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class GivenValue:
     """Whether messages call the value by its option, which gives this value alone."""
 
 
-def part_tree(text: str, source: str, example: str = "mpc, move_horizon=2") -> Tree:
-    """Tree of a part from its text; Refusal for a text that is no part, or a setting that is given twice."""
+def component_tree(text: str, source: str, example: str = "mpc, move_horizon=2") -> Tree:
+    """Tree of a component from its text; Refusal for a text that is no component, or a setting that is given twice."""
     tree: Tree = {}
     if not text.strip():
         return tree
@@ -55,7 +55,7 @@ def part_tree(text: str, source: str, example: str = "mpc, move_horizon=2") -> T
         elif key in tree:
             raise Refusal(f"{before}{key} is given twice in {text!r}; leave one out")
         elif value[0] == "(" and value[-1] == ")":
-            tree[key] = part_tree(value[1:-1], source, example)
+            tree[key] = component_tree(value[1:-1], source, example)
         elif value[0] == "[" and value[-1] == "]":
             tree[key] = _listed(value[1:-1], source, example)
         else:
@@ -67,7 +67,7 @@ def _listed(text: str, source: str, example: str) -> list[Any]:
     """Items of a list from the text between its brackets."""
     items = [piece.strip() for piece in _pieces(text, f"{source}: " if source else "")] if text.strip() else []
     return [
-        part_tree(item[1:-1], source, example) if item[:1] == "(" else GivenValue(_unquoted(item), source)
+        component_tree(item[1:-1], source, example) if item[:1] == "(" else GivenValue(_unquoted(item), source)
         for item in items
     ]
 
@@ -83,7 +83,7 @@ def _pieces(text: str, before: str) -> Iterator[str]:
         elif sign in "([":
             depth += 1
             if depth > _DEEPEST:
-                raise Refusal(f"{before}{text!r} is nested too deeply for a part")
+                raise Refusal(f"{before}{text!r} is nested too deeply for a component")
         elif sign in ")]":
             depth -= 1
         elif sign == "," and depth == 0:
@@ -98,7 +98,7 @@ def _unquoted(text: str) -> str:
     return text[1:-1] if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"" else text
 
 
-def part_text(tree: Mapping[str, Any]) -> str:
+def component_text(tree: Mapping[str, Any]) -> str:
     """Text from which the same tree is read."""
     settings = (f"{key}={_value_text(value)}" for key, value in tree.items() if key != NAME and value is not None)
     return ", ".join([*([_value_text(tree[NAME])] if NAME in tree else []), *settings])
@@ -106,7 +106,7 @@ def part_text(tree: Mapping[str, Any]) -> str:
 
 def _value_text(value: Any) -> str:
     if isinstance(value, Mapping):
-        return part_text(value) if value.keys() == {NAME} else f"({part_text(value)})"
+        return component_text(value) if value.keys() == {NAME} else f"({component_text(value)})"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_value_text, value))}]"
     if isinstance(value, bool):
@@ -143,10 +143,10 @@ def place(tree: Any) -> str:
 
 
 def over(lower: Any, upper: Any) -> Any:
-    """Both trees as one: a part that is named again replaces the part, another setting replaces the setting.
+    """Both trees as one: a component that is named again replaces the component, another setting replaces the setting.
 
-    A part that is named again by the name that it has is replaced too: what is not said then is as usual. A part
-    without a name changes the settings of the one that is there.
+    A component that is named again by the name that it has is replaced too: what is not said then has its default. A
+    component without a name changes the settings of the one that is there.
     """
     if not isinstance(upper, Mapping) or NAME in upper:
         return upper
@@ -159,18 +159,18 @@ def over(lower: Any, upper: Any) -> Any:
 def put(tree: Tree, path: str, value: str, source: str) -> Tree:
     """A tree with one setting by its path: ``controller.move_weight``, ``sensor.lag.lag_min``, ``faults.2.start_min``.
 
-    In a list a part is found by its label, its name, or its place from 1; where there is only one, it needs none.
+    In a list a component is found by its label, its name, or its place from 1; where there is only one, it needs none.
     A path to nothing is refused.
     """
     first, _, rest = path.partition(".")
     if rest.count(".") > _DEEPEST:
         raise Refusal(f"{source}: {shown(path)} is longer than any path to a setting")
     if not rest:
-        return {**tree, **part_tree(f"{first}={value}", source)}
+        return {**tree, **component_tree(f"{first}={value}", source)}
     inner = _changed(tree.get(first, {}))
     if not isinstance(inner, list):
         if not isinstance(inner, Mapping):
-            raise Refusal(f"{source}: {first} is {plain(inner)!r} and no part, so it has no setting {rest!r}")
+            raise Refusal(f"{source}: {first} is {plain(inner)!r} and no component, so it has no setting {rest!r}")
         return {**tree, first: put(dict(inner), rest, value, source)}
     tables = as_tables(inner, first)
     at, rest = _place_of(tables, first, rest, source)
@@ -178,7 +178,7 @@ def put(tree: Tree, path: str, value: str, source: str) -> Tree:
 
 
 def _place_of(tables: list[Any], setting: str, path: str, source: str) -> tuple[int, str]:
-    """Place of a part in the list of a setting, and the path within it."""
+    """Place of a component in the list of a setting, and the path within it."""
     which, _, rest = path.partition(".")
     names = [str(plain(table.get("label", table.get(NAME, "")))) for table in tables]
     if names.count(which) == 1 and rest:
@@ -194,23 +194,23 @@ def _place_of(tables: list[Any], setting: str, path: str, source: str) -> tuple[
 
 
 def _changed(leaf: Any) -> Any:
-    """A part whose settings are changed; one that was left out has none of its own."""
+    """A component whose settings are changed; one that was left out has none of its own."""
     return {} if plain(leaf) == NONE else as_table(leaf)
 
 
-def as_table(leaf: Any, tree_of: Callable[[str, str], Tree] = part_tree) -> Any:
-    """A part of a tree as a table, also where it stands as a text."""
+def as_table(leaf: Any, tree_of: Callable[[str, str], Tree] = component_tree) -> Any:
+    """A component of a tree as a table, also where it stands as a text."""
     if isinstance(leaf, GivenValue) and isinstance(leaf.value, str):
         return tree_of(leaf.value, leaf.source)
     return leaf
 
 
 def as_tables(leaf: Any, setting: str) -> list[Tree]:
-    """The parts of the list of a setting, or one alone, each as a table; a value that is no part is refused."""
+    """The components of the list of a setting, or one alone, each as a table; another value is refused."""
     tables = [as_table(item) for item in (leaf if isinstance(leaf, list) else [leaf])]
     for table in tables:
         if not isinstance(table, Mapping):
             raise Refusal(
-                f"{place(table)}: {setting} holds {shown(plain(table))}, which is no part; give a text or a table"
+                f"{place(table)}: {setting} holds {shown(plain(table))}, which is no component; give a text or a table"
             )
     return tables

@@ -1,4 +1,4 @@
-"""Descriptions of every part with its settings, from the declarations alone."""
+"""Descriptions of every component with its settings, from the declarations alone."""
 
 from __future__ import annotations
 
@@ -9,58 +9,58 @@ from typing import Any, Final
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import catalogues
 from glucoloop.component.code import loaded
-from glucoloop.component.grammar import part_text
+from glucoloop.component.grammar import component_text
 from glucoloop.component.references import reference
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.component.setting import Setting, choices_text, known_names, value_text
 from glucoloop.refusal import Refusal
 
 _NAME_WIDTH: Final = 18
-_MAX_PARTS: Final = 6
-"""Largest number of parts of a list that are named."""
+_MAX_COMPONENTS: Final = 6
+"""Largest number of components of a list that are named."""
 
 
 def listed(name_: str | None, requests: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Descriptions of all parts, of those of a kind, or of one by its name, as plain values.
+    """Descriptions of all components, of those of a kind, or of one by its name, as plain values.
 
     `requests` holds places ``module:Class`` of what else can be listed by name, such as the settings of a whole run.
     """
     if name_ is not None and name_ in requests:
         return [described(loaded(requests[name_]))]
     kinds = catalogues()
-    names = [(kind, name) for kind, parts in kinds.items() for name in parts.names()]
+    names = [(kind, name) for kind, components in kinds.items() for name in components.names()]
     if name_ is not None:
         every = [name for _, name in names]
         of_kind = [(kind, name) for kind, name in names if kind == name_.removesuffix("s")]
         names = of_kind or [(kind, name) for kind, name in names if name == name_]
         if not names:
             known = known_names(name_, every, where=f"the kinds are: {', '.join((*kinds, *requests))}")
-            raise Refusal(f"there is no part and no kind of parts {name_!r}; {known}")
+            raise Refusal(f"there is no component and no kind of components {name_!r}; {known}")
     return [described(kinds[kind].find(name)) for kind, name in names]
 
 
-def described(part: type[Component]) -> dict[str, Any]:
-    """A part as plain values."""
-    settings = (setting for setting in part.settings().values() if setting.name not in part.refused)
+def described(component: type[Component]) -> dict[str, Any]:
+    """A component as plain values."""
+    settings = (setting for setting in component.settings().values() if setting.name not in component.refused)
     return {
-        "kind": part.kind,
-        "name": part.name,
-        "summary": part.summary,
-        **part.facts(),
-        "settings": [_setting(part, setting) for setting in settings],
-        "sources": [reference(source).text for source in part.sources],
+        "kind": component.kind,
+        "name": component.name,
+        "summary": component.summary,
+        **component.facts(),
+        "settings": [_setting(component, setting) for setting in settings],
+        "sources": [reference(source).text for source in component.sources],
     }
 
 
-def _setting(part: type[Component], setting: Setting) -> dict[str, Any]:
+def _setting(component: type[Component], setting: Setting) -> dict[str, Any]:
     usual: dict[str, Any] = {"": setting.default.noise_free}
-    if setting.is_part:
-        parts = setting.default.noise_free
-        parts = [parts] if isinstance(parts, Component) else parts or ()
-        named = [part_text(part.tree()) for part in parts]
-        more = f"; and {len(named) - _MAX_PARTS} more" if len(named) > _MAX_PARTS else ""
-        usual = {"": "; ".join(named[:_MAX_PARTS]) + more} if named else {}
-        possible = f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
+    if setting.is_component:
+        components = setting.default.noise_free
+        components = [components] if isinstance(components, Component) else components or ()
+        named = [component_text(component.tree()) for component in components]
+        more = f"; and {len(named) - _MAX_COMPONENTS} more" if len(named) > _MAX_COMPONENTS else ""
+        usual = {"": "; ".join(named[:_MAX_COMPONENTS]) + more} if named else {}
+        possible = f"{'components' if setting.many else 'a component'} of the kind {setting.kind.kind}"
     elif setting.choices:
         possible = choices_text(setting.choices)
     elif setting.kind in (int, float):
@@ -69,46 +69,46 @@ def _setting(part: type[Component], setting: Setting) -> dict[str, Any]:
         possible = "true or false" if setting.kind is bool else "a text"
     if setting.default.noisy is not None:
         usual["with noise"] = setting.default.noisy
-    subcutaneous = part.defaults_of_route(SUBCUTANEOUS)
+    subcutaneous = component.defaults_of_route(SUBCUTANEOUS)
     if setting.name in subcutaneous:
         usual["under the skin"] = subcutaneous[setting.name]
     return {
         "name": setting.name,
         "summary": setting.summary,
         "possible": possible,
-        "unit": "" if setting.is_part else setting.unit,
+        "unit": "" if setting.is_component else setting.unit,
         "usual": usual,
     }
 
 
-def listing(parts: list[dict[str, Any]], width: int = 100) -> str:
-    """Descriptions as text: a line for each of several parts, or everything about one."""
-    if len(parts) == 1:
-        return "\n".join(line for text, indent in _whole(parts[0]) for line in _wrapped(text, indent, width))
+def listing(components: list[dict[str, Any]], width: int = 100) -> str:
+    """Descriptions as text: a line for each of several components, or everything about one."""
+    if len(components) == 1:
+        return "\n".join(line for text, indent in _whole(components[0]) for line in _wrapped(text, indent, width))
     lines: list[str] = []
     kind = ""
-    for part in parts:
-        if part["kind"] != kind:
-            kind = part["kind"]
+    for component in components:
+        if component["kind"] != kind:
+            kind = component["kind"]
             lines += ["", f"{kind.capitalize()}s"] if lines else [f"{kind.capitalize()}s"]
-        lines += _wrapped(f"  {part['name']:<{_NAME_WIDTH}} {part['summary']}", _NAME_WIDTH + 3, width)
+        lines += _wrapped(f"  {component['name']:<{_NAME_WIDTH}} {component['summary']}", _NAME_WIDTH + 3, width)
     return "\n".join(lines)
 
 
-def _whole(part: dict[str, Any]) -> Iterator[tuple[str, int]]:
-    """Paragraphs on a part, and the indent of their further lines."""
-    yield f"{part['kind']} {part['name']}".strip() + f": {part['summary']}", 2
+def _whole(component: dict[str, Any]) -> Iterator[tuple[str, int]]:
+    """Paragraphs on a component, and the indent of their further lines."""
+    yield f"{component['kind']} {component['name']}".strip() + f": {component['summary']}", 2
     for key, what in (("operating_points", "Operating point"), ("populations", "Population")):
-        for name, summary in part.get(key, {}).items():
+        for name, summary in component.get(key, {}).items():
             yield f"  {what} {name}: {summary}", 4
-    if "insulin_route" in part:
-        yield f"  Route of insulin: {part['insulin_route']}", 4
-        yield f"  Usual: {', '.join(f'{name} {value:g}' for name, value in part['usual'].items())}", 4
-    for setting in part["settings"]:
+    if "insulin_route" in component:
+        yield f"  Route of insulin: {component['insulin_route']}", 4
+        yield f"  Usual: {', '.join(f'{name} {value:g}' for name, value in component['usual'].items())}", 4
+    for setting in component["settings"]:
         usual = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["usual"].items())
         yield f"  {setting['name']}{f' = {usual}' if usual else ''}   ({setting['possible']})", 6
         yield f"      {setting['summary']}", 6
-    for source in part["sources"]:
+    for source in component["sources"]:
         yield f"  Source: {source}", 4
 
 

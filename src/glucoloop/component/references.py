@@ -1,4 +1,4 @@
-"""Publications that parts name, as text and as BibTeX."""
+"""Publications that components name, as text and as BibTeX."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Reference:
         place = next((fields[name] for name in _KINDS if name in fields and name != "version"), "")
         volume = fields.get("volume", "") + (f"({fields['number']})" if "number" in fields else "")
         version = f"version {fields['version']}" if "version" in fields else ""
-        parts = (
+        pieces = (
             authors,
             f'"{fields["title"]}"',
             f"{place} {volume}".strip(),
@@ -54,7 +54,7 @@ class Reference:
             f"doi:{fields['doi']}" if "doi" in fields else "",
             fields.get("url", ""),
         )
-        return ", ".join(filter(None, parts))
+        return ", ".join(filter(None, pieces))
 
     def bibtex(self, key: str = "") -> str:
         """The entry for BibTeX, under its key or another one."""
@@ -73,7 +73,7 @@ def _for_sorting(author: str) -> str:
         return author
     family = words[len(given) :]
     after = [word for word in family if word in _SUFFIXES]
-    return ", ".join(" ".join(part) for part in (family[: len(family) - len(after)], after, given) if part)
+    return ", ".join(" ".join(names) for names in (family[: len(family) - len(after)], after, given) if names)
 
 
 def _for_tex(name: str, value: str) -> str:
@@ -99,16 +99,16 @@ def known_references() -> Mapping[str, Reference]:
     }
 
 
-def cited_parts(part: Component) -> Iterator[type[Component]]:
-    """Classes of a part that has a name and of those that it holds, from the outermost inwards."""
-    if part.name:
-        yield type(part)
-    for value in part.values().values():
+def cited_components(component: Component) -> Iterator[type[Component]]:
+    """Classes of a component that has a name and of those that it holds, from the outermost inwards."""
+    if component.name:
+        yield type(component)
+    for value in component.values().values():
         for inner in value if isinstance(value, tuple) else (value,):
             if isinstance(inner, Component):
-                yield from cited_parts(inner)
+                yield from cited_components(inner)
 
 
 def reference(source: str) -> Reference:
-    """The publication that a part names: by its key, or a whole reference as text."""
+    """The publication that a component names: by its key, or a whole reference as text."""
     return known_references().get(source) or Reference("", (), {"note": source})

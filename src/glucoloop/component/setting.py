@@ -1,4 +1,4 @@
-"""A setting of a part: its meaning, bounds and unit, the check of a value, and the reading of one from text.
+"""A setting of a component: its meaning, bounds and unit, the check of a value, and the reading of one from text.
 
 Nothing here imports a numerical library, so that help and refusals come at once.
 """
@@ -52,7 +52,7 @@ _SHORTEST_WORD: Final = 4
 
 @dataclass(frozen=True)
 class About:
-    """Meaning of a setting and its possible values: the annotation of a field of a `part.Component`.
+    """Meaning of a setting and its possible values: the annotation of a field of a `component.Component`.
 
     The bounds of a list are those of its items.
     """
@@ -72,7 +72,7 @@ class About:
     reads: Callable[[Any], Any] | None = None
     """Function that reads a value where any type may be possible; it raises a Refusal that says what to give."""
     needs: tuple[Need, ...] = ()
-    """Needs that parts of the request have to meet, so that the setting has an effect; see `situations.unused`."""
+    """Needs that components of the request have to meet, so that the setting has an effect; see `situations.unused`."""
 
     def allows(self, value: float) -> bool:
         """Whether a number is finite, where it has to be, and within the bounds."""
@@ -115,7 +115,7 @@ Tunings = Mapping[str, Mapping[str, Default]]
 
 
 def default_by_noise(*, default: Any, noisy: Any) -> Any:
-    """Default of a field of a part, which may differ with noisy readings."""
+    """Default of a field of a component, which may differ with noisy readings."""
     return dataclasses.field(default=default, metadata={"noisy": noisy})
 
 
@@ -138,7 +138,7 @@ def number_with_unit(text: str, unit: str) -> float | None:
 
 @dataclass(frozen=True)
 class Setting:
-    """A declared setting of a part."""
+    """A declared setting of a component."""
 
     name: str
     kind: Any
@@ -173,8 +173,8 @@ class Setting:
         return self.about.possible(self.kind, self.unit) + also
 
     @property
-    def is_part(self) -> bool:
-        """Whether its values are parts, which have a catalogue."""
+    def is_component(self) -> bool:
+        """Whether its values are components, which have a catalogue."""
         return isinstance(self.kind, type) and hasattr(self.kind, "catalogue")
 
     def renamed(self, name: str) -> Setting:
@@ -279,7 +279,7 @@ def choices_text(choices: Sequence[object]) -> str:
 
 def declared_setting(name: str, hint: Any, default: Default) -> Setting:
     """Setting that an annotated field declares; TypeError for a field without a description."""
-    about = next((part for part in getattr(hint, "__metadata__", ()) if isinstance(part, About)), None)
+    about = next((component for component in getattr(hint, "__metadata__", ()) if isinstance(component, About)), None)
     if about is None:
         raise TypeError(
             f"the setting {name} does not say what it means; annotate it, like "

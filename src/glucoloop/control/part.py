@@ -122,7 +122,7 @@ class ControllerComponent(PytreeComponent):
 
     def __post_init__(self) -> None:
         for name, setting in self.settings().items():
-            if setting.is_part:
+            if setting.is_component:
                 object.__setattr__(self, name, getattr(self, name).completed())
 
     @classmethod

@@ -1,1 +1,1 @@
-"""Situations: everything about a loop in one tree of parts, the same in Python, in a file and on the command line."""
+"""Situations: everything about a loop in one tree of components, the same in Python, in files and in options."""

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from glucoloop.component.base import Component, read
 from glucoloop.component.effects import DEAD_TIME, Need
-from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, part_text, place
+from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, component_text, place
 from glucoloop.component.setting import About, Value
 from glucoloop.control.catalogue import CONTROLLERS, DEFAULT_CONTROLLER
 from glucoloop.control.guard_settings import GuardSettings, guard_of
@@ -65,7 +65,7 @@ class Case(Component):
 
     def __post_init__(self) -> None:
         if not self.label.strip():
-            object.__setattr__(self, "label", part_text(self.controller.tree()))
+            object.__setattr__(self, "label", component_text(self.controller.tree()))
         if not is_printable(self.label):
             raise Refusal(f"the label {self.label!r} cannot be printed in a line; leave out its control characters")
 
@@ -90,7 +90,7 @@ class Case(Component):
             model = model.completed()
         whole = type(self)(
             controller=controller.completed(patient.usual_of(controller.name), noisy=situation.noisy),
-            label=self.label or part_text(controller.tree()),
+            label=self.label or component_text(controller.tree()),
             known_dead_time=self.known_dead_time,
             guard=None if guard is None else guard_of(patient, guard),
             model=model,
@@ -128,7 +128,7 @@ def _beside() -> Mapping[str, str]:
 
 
 class _Cases:
-    """Reader of cases, of which a part's settings are shared between the controller and the case."""
+    """Reader of cases, of which a component's settings are shared between the controller and the case."""
 
     def tree(self, text: str, source: str = "") -> Tree:
         """Tree of a case from its text."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop.arguments import converted
-from glucoloop.component.grammar import NAME, part_tree, plain
+from glucoloop.component.grammar import NAME, component_tree, plain
 from glucoloop.component.setting import known_names
 from glucoloop.meals import Meal
 from glucoloop.patients.joint import JointVariation
@@ -195,7 +195,7 @@ def named_population(text: str, patient: str = DEFAULT_PATIENT.name) -> Populati
     The name of a file ends in ``.toml`` or ``.csv``. ``NAME, draw=with-replacement`` draws named people by the seed, so
     that there may be any number of them.
     """
-    tree = plain(part_tree(text, "", _EXAMPLE))
+    tree = plain(component_tree(text, "", _EXAMPLE))
     called, draw = tree.pop(NAME, None), tree.pop(DRAW_KEY, None)
     if not called or tree:
         raise Refusal(f"{text!r} is no population; give its name, and at most {DRAW_KEY}, like {_EXAMPLE!r}")

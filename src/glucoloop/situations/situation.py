@@ -1,7 +1,7 @@
 """Situation of a controller: the patient, the sensor and the pump with their faults.
 
 It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it.
-Where it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the
+Where it is made, in Python, from a file or from the command line, its components are completed by what is usual for the
 patient; what was given stays apart, see `component.base.Component`.
 """
 
@@ -119,12 +119,12 @@ WarmUp = Annotated[
 class Situation(Component):
     """Everything about a loop but its meals and its controllers.
 
-    Parameters are parts, see `glucoloop list`, and numbers; what is not given is usual for the patient.
+    Parameters are components, see `glucoloop list`, and numbers; what is not given is usual for the patient.
 
     Raises
     ------
     Refusal
-        For parts and numbers that are not possible, or at odds with one another.
+        For components and numbers that are not possible, or at odds with one another.
     """
 
     kind: ClassVar = "situation"
@@ -228,7 +228,7 @@ class Situation(Component):
         if self.rescue is not None:
             object.__setattr__(self, "rescue", self.rescue.completed())
         for name in ("rhythm", "sensor", "faults", "metrics"):
-            object.__setattr__(self, name, tuple(part.completed() for part in getattr(self, name)))
+            object.__setattr__(self, name, tuple(component.completed() for component in getattr(self, name)))
         self._refuse_at_odds()
 
     def _refuse_at_odds(self) -> None:
@@ -267,7 +267,7 @@ class Situation(Component):
                 f"glucose of {self.patient.display_name} cannot be read at the site {self.site!r}; "
                 f"give {' or '.join(known)}"
             )
-        if any(isinstance(part, IdealSensor) for part in self.sensor[1:]):
+        if any(isinstance(component, IdealSensor) for component in self.sensor[1:]):
             raise Refusal("an ideal sensor is the innermost of a chain; give it first, or leave it out")
         _ = self.dead_time_samples, self.start_min, self.limits, self.bolus  # each refuses what is not possible
 
@@ -339,17 +339,17 @@ class Situation(Component):
 
     @property
     def _noise(self) -> Iterator[WhiteNoise]:
-        return (part for part in self.sensor if isinstance(part, WhiteNoise))
+        return (component for component in self.sensor if isinstance(component, WhiteNoise))
 
     @property
     def noise_variance(self) -> float:
         """Variance of the white noise of the readings, of which designs are told."""
-        return sum(part.variance for part in self._noise)
+        return sum(component.variance for component in self._noise)
 
     @property
     def noise_bound_mg_dl(self) -> float:
         """Largest deviation by that noise."""
-        return max((part.bound_mg_dl for part in self._noise), default=WhiteNoise().bound_mg_dl)
+        return max((component.bound_mg_dl for component in self._noise), default=WhiteNoise().bound_mg_dl)
 
     @property
     def noisy(self) -> bool:
@@ -360,33 +360,33 @@ class Situation(Component):
     def drawn_otherwise(self) -> bool:
         """Whether something else than white noise may be drawn: another noise of the sensor, or a fault."""
         plain = (IdealSensor, WhiteNoise, DeadTime)
-        return bool(self.faults) or not all(isinstance(part, plain) for part in self.sensor)
+        return bool(self.faults) or not all(isinstance(component, plain) for component in self.sensor)
 
     @property
     def dead_time_min(self) -> float:
         """Dead time of the readings."""
-        return sum(part.minutes for part in self.sensor if isinstance(part, DeadTime))
+        return sum(component.minutes for component in self.sensor if isinstance(component, DeadTime))
 
     @property
     def dead_time_samples(self) -> int:
         """Dead time of the readings in samples."""
-        parts = (part for part in self.sensor if isinstance(part, DeadTime))
-        return sum(whole_samples(part.minutes, self.sample_time_min, "a dead time") for part in parts)
+        components = (component for component in self.sensor if isinstance(component, DeadTime))
+        return sum(whole_samples(component.minutes, self.sample_time_min, "a dead time") for component in components)
 
     @property
     def site(self) -> str | None:
         """Site of the sensor; None for that at which glucose is controlled."""
-        return next((part.site for part in self.sensor if isinstance(part, IdealSensor)), None)
+        return next((component.site for component in self.sensor if isinstance(component, IdealSensor)), None)
 
     def record_sensor(self, noise_variance: float) -> tuple[SensorComponent, ...]:
         """Sensor of a record from which a model is identified, with other white noise."""
-        inner = [part for part in (part.recorded() for part in self.sensor) if part is not None]
+        inner = [sensor for sensor in (component.recorded() for component in self.sensor) if sensor is not None]
         noise = WhiteNoise(variance=noise_variance, bound_mg_dl=self.noise_bound_mg_dl)
         return (*inner, noise) if noise_variance > 0.0 else tuple(inner)
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        return self._with(sensor=tuple(part for part in self.sensor if not isinstance(part, WhiteNoise)))
+        return self._with(sensor=tuple(component for component in self.sensor if not isinstance(component, WhiteNoise)))
 
     def paced(self, every_min: float | None, *, known_dead_time: bool) -> Situation:
         """The situation as a controller meets it that acts at times of its own; itself where there is no such time.
@@ -395,7 +395,9 @@ class Situation(Component):
         """
         if every_min is None or every_min == self.sample_time_min:
             return self
-        known_sensors = tuple(part for part in self.sensor if known_dead_time or not isinstance(part, DeadTime))
+        known_sensors = tuple(
+            component for component in self.sensor if known_dead_time or not isinstance(component, DeadTime)
+        )
         return self._with(sample_time_min=every_min, sensor=known_sensors)
 
     def _with(self, **changes: Any) -> Situation:
@@ -442,7 +444,7 @@ class Situation(Component):
     @property
     def rhythms(self) -> tuple[Rhythm, ...]:
         """Rhythms of the patient, as a scenario takes them."""
-        return tuple(part.made() for part in self.rhythm)
+        return tuple(component.made() for component in self.rhythm)
 
     @property
     def target_mg_dl(self) -> float:

@@ -1,4 +1,4 @@
-"""Configuration files: TOML with a table for each part that has settings, and what was used in a table of its own."""
+"""Configuration files: TOML with a table for each component with settings, and a table of all that was used."""
 
 from __future__ import annotations
 

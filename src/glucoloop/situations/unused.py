@@ -34,15 +34,15 @@ def without_effect(
 
 
 def _unused(
-    part: Component, uses: frozenset[Need], named: Callable[[Setting], str] | None = None
+    component: Component, uses: frozenset[Need], named: Callable[[Setting], str] | None = None
 ) -> Iterator[tuple[str, Need]]:
-    """Names of settings that were given of a part without effect, or of parts among them, with what each lacks."""
-    for name, value in part.explicit.items():
-        setting = type(part).settings()[name]
+    """Names of explicit settings without effect, or of components without effect among them, with what each lacks."""
+    for name, value in component.explicit.items():
+        setting = type(component).settings()[name]
         items = value if isinstance(value, tuple | list) else (value,)
         lacking = _first_lacking(setting.about.needs, uses)
         if lacking is not None and value != setting.default.noise_free:
-            yield named(setting) if named is not None else f"{name} of the {_called(part)}", lacking
+            yield named(setting) if named is not None else f"{name} of the {_called(component)}", lacking
             continue
         for inner in (item for item in items if isinstance(item, Component)):
             lacking = _first_lacking(inner.needs(), uses)
@@ -56,8 +56,8 @@ def _first_lacking(needs: tuple[Need, ...], uses: frozenset[Need]) -> Need | Non
     return next((need for need in needs if need not in uses), None)
 
 
-def _called(part: Component) -> str:
-    return f"{part.kind} {part.display_name or part.name}".rstrip()
+def _called(component: Component) -> str:
+    return f"{component.kind} {component.display_name or component.name}".rstrip()
 
 
 def _reason(need: Need, controllers: list[str]) -> str:
@@ -66,7 +66,7 @@ def _reason(need: Need, controllers: list[str]) -> str:
     several = len(controllers) > 1
     who = f"the controller{'s' if several else ''} {_listed(controllers)} {'do' if several else 'does'} not"
     what = f"give {need.noun}" if need is BOLUSES else f"use {need.noun}"
-    others = [name for name, part in CONTROLLERS.items() if need in part.partial({}).uses()]
+    others = [name for name, component in CONTROLLERS.items() if need in component.partial({}).uses()]
     known = f"; {_listed(others)} do" if 0 < len(others) <= _MAX_NAMED else "; the others do" if others else ""
     return f"{who} {what}{known}"
 

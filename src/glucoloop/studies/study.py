@@ -48,11 +48,11 @@ from typing import Any, Final
 from glucoloop.component.base import Component
 
 COMPONENTS_HELP: Final = (
-    "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "
-    "there. `glucoloop list` shows all parts, `glucoloop list mpc-se` the settings of one. A number may have its unit: "
-    "5.5mmol/l, 4U/h, 1.5h."
+    "A COMPONENT is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the "
+    "component that is there. `glucoloop list` shows all components, `glucoloop list mpc-se` the settings of one. A "
+    "number may have its unit: 5.5mmol/l, 4U/h, 1.5h."
 )
-"""Paragraph of the help of every command that takes parts."""
+"""Paragraph of the help of every command that takes components."""
 
 
 @dataclass(frozen=True, kw_only=True)

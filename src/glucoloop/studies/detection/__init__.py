@@ -7,7 +7,7 @@ import functools
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
-from glucoloop.component.grammar import part_text
+from glucoloop.component.grammar import component_text
 from glucoloop.control.catalogue import CONTROLLERS, ESTIMATING
 from glucoloop.control.part import ControllerComponent
 from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorComponent
@@ -109,7 +109,7 @@ class Detection(Trial):
     @functools.cached_property
     def tried(self) -> dict[str, EstimatorComponent]:
         """The estimators by their texts."""
-        return {part_text(part.tree()): part for part in self.estimators}
+        return {component_text(part.tree()): part for part in self.estimators}
 
     def uses(self) -> frozenset[Need]:
         """Needs that the trial meets, where estimators see readings and may know the time of day."""

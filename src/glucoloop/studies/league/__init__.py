@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.base import Component
-from glucoloop.component.grammar import Tree, part_text
+from glucoloop.component.grammar import Tree, component_text
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.patients.settings import PATIENTS, PatientComponent
@@ -134,7 +134,7 @@ class League(Component):
 
 def texts(parts: Iterable[Component]) -> tuple[str, ...]:
     """Text of each part, with what was given of it."""
-    return tuple(part_text(part.tree()) for part in parts)
+    return tuple(component_text(part.tree()) for part in parts)
 
 
 LEAGUE: Final = SearchStudy(
