@@ -69,6 +69,7 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
         glucose="glucose_mg_dl",
         device="device",
         source=source_of(),
+        named=pl.col("source").is_not_null(),
     ).filter("reading")
     if not read.height:
         if device is not None:
@@ -104,9 +105,12 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
 
 
 def _parted(rows: pl.DataFrame) -> list[pl.DataFrame]:
-    """Streams that one source sends under one name, each at regular steps; the source itself where it is one."""
+    """Streams that one source sends under one name, each at regular steps; the source itself where it is one.
+
+    A table that names no source is one: nothing says that it holds more than it was made to hold.
+    """
     t = rows["t"].to_numpy()
-    step = _step_of_several(t)
+    step = _step_of_several(t) if rows["named"].all() else None
     if step is None:
         return [rows]
     chains: list[float] = []
@@ -139,7 +143,7 @@ def _step_of_several(t: Floats) -> float | None:
             there = np.zeros(t.size, dtype=bool)
             for lag in lags:
                 there[: lag.size] |= np.abs(lag - step) <= 0.1 * step
-            if np.count_nonzero(there) >= covered:
+            if np.count_nonzero(there) > covered + 0.02 * t.size:
                 best, covered = float(step), int(np.count_nonzero(there))
     extra = np.count_nonzero(lags[0] < _REGULAR * best)
     return best if covered >= _REGULAR * t.size and extra >= _FEWEST else None
