@@ -12,8 +12,8 @@ import numpy as np
 from made import made
 
 import glucoloop as gl
-from glucoloop.control import GuardSettings, guarded
-from glucoloop.control.basal_bolus import design_basal_bolus
+from glucoloop.control import BasalBolus, GuardSettings, guarded
+from glucoloop.therapy import Profile
 
 PATIENT, PEOPLE, SEED = "hovorka-2004", 200, 2
 MEALS = ((50.0, 60.0), (70.0, 360.0), (80.0, 720.0))
@@ -64,7 +64,9 @@ def row(name, guard, run, feasible):
 def main():
     people = gl.virtual_people(gl.population("boiroux2017", patient=PATIENT), seed=SEED, person=range(PEOPLE))
     feasible = people.feasible
-    alone = design_basal_bolus(float(gl.patient(PATIENT).basal_insulin_mU_min))
+    nominal = gl.patient(PATIENT)
+    profile = Profile(basal_mU_min=float(nominal.basal_insulin_mU_min), setpoint_mg_dl=nominal.setpoint_mg_dl)
+    alone = BasalBolus().of_person(profile)
     inside = guarded(alone, GuardSettings.for_route("subcutaneous"))
     lines = [f"| {' | '.join(COLUMNS)} |", f"| :--- | :--- |{' ---: |' * (len(COLUMNS) - 2)}"]
     for name, situation in SITUATIONS.items():

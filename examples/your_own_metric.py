@@ -20,9 +20,8 @@ class TightRange(Metric, name="tight-range"):
 
     @property
     def results(self):
-        within = f"from {self.low_mg_dl} to {self.high_mg_dl} mg/dl"
-        name, summary = f"time_{self.low_mg_dl}_{self.high_mg_dl}_pct", f"Percentage of time with glucose {within}."
-        return (Result(name, summary, title=f"Time {within}", unit="%"),)
+        name = f"time_{self.low_mg_dl}_{self.high_mg_dl}_pct"
+        return (Result(name, "Percentage of time in the range.", title="Time in a narrow range", unit="%"),)
 
     def init(self, trajectory, glucose_mg_dl, insulin_mU_min):
         return jnp.zeros_like(glucose_mg_dl)

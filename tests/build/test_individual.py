@@ -9,8 +9,7 @@ import pytest
 
 from glucoloop.build.designs import controller_of
 from glucoloop.build.individual import individual_design
-from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
-from glucoloop.control.tuning import StateTuning
+from glucoloop.control.mpc_se import MPCSE, FilteredModels
 from glucoloop.patients import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import DeadTime
@@ -114,9 +113,8 @@ def test_the_rate_of_somebody_on_whom_insulin_is_not_seen_within_the_horizon_is_
         kalman_gain=np.full((1, 2), 0.5),
         rest=np.array([[-0.3 / (1.0 - fast), -0.001 / (1.0 - slow)]]),
     )
-    found = mpc_se_of_people(
+    found = MPCSE(2, 8).of_people(
         models,
-        StateTuning(2, 8),
         PARKER_1999_LIMITS,
         basal_mU_min=jnp.full(2, 20.0),
         basal_glucose_mg_dl=jnp.full(2, 100.0),

@@ -1,7 +1,5 @@
 """Gain and lag of people from their own records, and the controllers that know them."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -81,8 +79,7 @@ def test_everybody_gets_his_own(people, true_gain, known, monkeypatch, by):
     one = patient()
     model = nonlinear_model(one)
     own = individual_model(model, model.insulin_mU_min)
-    blank = {field.name: None for field in dataclasses.fields(MealMPC)}
-    monkeypatch.setattr(individual, "controller_of", lambda *_: MealMPC(**{**blank, "model": own}))
+    monkeypatch.setattr(individual, "controller_of", lambda *_: MealMPC().replaced(model=own))
     monkeypatch.setattr(individual, "by_record", lambda *_: known)
     trial = trial_of(by)
     found = individual_design(trial, trial.cases[0], None, people)(people).model

@@ -8,7 +8,7 @@ import scipy.integrate
 
 import glucoloop as gl
 from glucoloop.build.titration import MEAL_G, Titration, profile_of, with_profiles
-from glucoloop.control import design_basal_bolus
+from glucoloop.control import BasalBolus
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients import PeopleTable, Population, patient, population, virtual_people
 from glucoloop.patients.population import of_people
@@ -35,8 +35,8 @@ def test_glucose_is_back_where_it_was_when_the_action_ends(ten, name):
     people, _, profile = ten
     row = TEN.table.names.index(name)
     who, own = of_people(people.patient, row), of_people(profile, row)
-    controller = design_basal_bolus(
-        float(own.basal_mU_min), WIDE, carb_ratio_g_U=float(own.carb_ratio_g_U), bolus=FINE, allow_unusual=True
+    controller = BasalBolus(carb_ratio_g_U=float(own.carb_ratio_g_U)).of_person(
+        own, WIDE, bolus=FINE, allow_unusual=True
     )
     meal = Scenario([Meal(MEAL_G, 0.0)], 300.0, announced=True)
     pump = gl.LimitedPump(limits=WIDE, bolus=FINE)

@@ -27,7 +27,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
 @pytest.mark.long
 def test_the_controller_is_designed_with_it_and_its_settings(outside):
     run = configured(Run, controller=f"meal-mpc, estimator=({NAME}, share=0.25), meals_per_h=0.1")
-    estimator = controller_of(run, run.case).estimator
+    estimator = controller_of(run, run.case).meal_estimator
     assert (estimator.fast_meals, estimator.fast_horizon) == (0.25, 6)
     assert run.tree(whole=True)["controller"][0]["estimator"] == {"name": NAME, "share": 0.25}
     assert f"estimator {NAME}, share=0.25" in _case_in_words(run.case)

@@ -12,7 +12,7 @@ from glucoloop.meals import draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection, study
 from glucoloop.studies.detection.evaluate import Scores, _Days, _score
-from glucoloop.studies.detection.study import _findings, _plot_detection
+from glucoloop.studies.detection.study import _plot_detection, _results
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
 TABLES = ("meals", "curve", "size_error", "day")
@@ -104,7 +104,7 @@ def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
 
 def test_nothing_of_the_figure_is_clipped():
     asked = configured(Detection, days=1)
-    figure = _plot_detection(_findings(asked, done(asked)), title="A title that is long " * 4)
+    figure = _plot_detection(_results(asked, done(asked)), title="A title that is long " * 4)
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert min(drawn.x0, drawn.y0) >= 0.0

@@ -12,10 +12,11 @@ from glucoloop.component.catalogue import catalogues
 from glucoloop.component.grammar import component_text, component_tree
 from glucoloop.component.grammar import given as given_values
 from glucoloop.component.setting import WithUnit
-from glucoloop.control.basal_bolus import design_basal_bolus
+from glucoloop.control import BasalBolus
 from glucoloop.pumps import dose_limits
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
+from glucoloop.therapy import Profile
 from glucoloop.units import OTHER_UNITS, factor_to
 
 PARTS = [Run, *(part for parts in catalogues().values() for part in parts.values())]
@@ -114,7 +115,8 @@ def test_python_takes_a_unit_too_and_asks():
         dose_limits(max_mU_min=4.0)
     assert dose_limits(max_mU_min=4.0, allow_unusual=True).max_mU_min == 4.0
     assert dose_limits(max_mU_min=1e6, max_change_mU_min=1e6).max_mU_min == 1e6
-    for asked in ({"basal_mU_min": 1.2}, {"basal_mU_min": 6.7, "correction_mg_dl_U": 2.5}):
+    for basal_mU_min, factors in ((1.2, {}), (6.7, {"correction_mg_dl_U": 2.5})):
+        controller, profile = BasalBolus(**factors), Profile(basal_mU_min=basal_mU_min, setpoint_mg_dl=110.0)
         with pytest.raises(Refusal, match=r"looks like (U/h|mmol/l per U)"):
-            design_basal_bolus(**asked)
-        design_basal_bolus(**asked, allow_unusual=True)
+            controller.of_person(profile)
+        controller.of_person(profile, allow_unusual=True)

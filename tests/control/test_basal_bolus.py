@@ -10,12 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.control import Observation, Status, design_basal_bolus, guarded
+from glucoloop.control import BasalBolus, Observation, Status, guarded
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.pumps import bolus_limits, dose_limits
+from glucoloop.therapy import Profile
 
 BASAL, TARGET, EVERY = 7.0, 110.0, 5.0
-CONTROLLER = design_basal_bolus(BASAL, carb_ratio_g_U=10.0, correction_mg_dl_U=40.0)
+PERSON = Profile(basal_mU_min=BASAL, setpoint_mg_dl=TARGET)
+CONTROLLER = BasalBolus(carb_ratio_g_U=10.0, correction_mg_dl_U=40.0).of_person(PERSON)
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
 ANY = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1e300]))
 
@@ -87,12 +89,12 @@ def test_a_bolus_that_the_pump_did_not_give_is_not_on_board():
 
 def test_by_the_rules_of_500_and_1800_the_ratios_follow_the_basal_rate():
     """Twice the basal rate is 20.16 U a day: 24.8 g and 89.3 mg/dl for a unit."""
-    controller = design_basal_bolus(BASAL)
-    assert float(controller.carb_ratio()) == pytest.approx(500.0 / 20.16)
-    assert float(controller.correction_factor()) == pytest.approx(1800.0 / 20.16)
+    controller = BasalBolus().of_person(PERSON)
+    assert float(controller.carbs_per_U) == pytest.approx(500.0 / 20.16)
+    assert float(controller.fall_per_U) == pytest.approx(1800.0 / 20.16)
     other = controller.with_basal(jnp.asarray([3.5, 14.0]))
-    np.testing.assert_allclose(other.carb_ratio(), [500.0 / 10.08, 500.0 / 40.32])
-    assert np.all(np.isfinite(controller.with_basal(jnp.zeros(2)).carb_ratio()))
+    np.testing.assert_allclose(other.carbs_per_U, [500.0 / 10.08, 500.0 / 40.32])
+    assert np.all(np.isfinite(controller.with_basal(jnp.zeros(2)).carbs_per_U))
 
 
 @settings(max_examples=100, deadline=None)
@@ -108,13 +110,20 @@ def test_whatever_is_told_doses_are_possible_and_the_memory_is_sound(numbers, va
 
 @pytest.mark.parametrize(
     ("given", "told"),
-    [({"carb_ratio_g_U": 0.0}, "carb ratio of 0 g/U"), ({"correction_mg_dl_U": -1.0}, "correction factor of -1"),
-     ({"insulin_on_board_min": math.nan}, "on board of nan min"), ({"correction_every_min": -1.0}, "every -1 min"),
-     ({"correction_above_mg_dl": math.inf}, "bound of corrections"), ({"basal_mU_min": 70.0}, "basal rate of 70")],
+    [({"carb_ratio_g_U": -1.0}, "carb_ratio_g_U is -1 g per U; give"),
+     ({"correction_mg_dl_U": -1.0}, "correction_mg_dl_U is -1"),
+     ({"insulin_on_board_min": math.nan}, "insulin_on_board_min is nan"),
+     ({"correction_every_min": -1.0}, "correction_every_min is -1"),
+     ({"correction_above_mg_dl": math.inf}, "correction_above_mg_dl is inf")],
 )  # fmt: skip
 def test_impossible_settings_are_refused_with_a_sentence(given, told):
     with pytest.raises(ValueError, match=told):
-        design_basal_bolus(**{"basal_mU_min": BASAL} | given)
+        BasalBolus(**given)
+
+
+def test_an_impossible_basal_rate_is_refused():
+    with pytest.raises(ValueError, match="basal rate of 70"):
+        BasalBolus().of_person(dataclasses.replace(PERSON, basal_mU_min=70.0))
 
 
 # ------------------------------------------------------------------------------------------- guarded
@@ -133,7 +142,7 @@ def test_a_guard_with_wide_caps_lets_a_meal_bolus_pass_to_the_bit():
 
 def test_under_the_skin_a_right_bolus_passes_and_one_ten_times_larger_does_not():
     """By the rule of 500, with a total daily dose of 48 basal hours; the cap is ten basal hours on board."""
-    guard = guarded(design_basal_bolus(BASAL), UNDER_THE_SKIN)
+    guard = guarded(BasalBolus().of_person(PERSON), UNDER_THE_SKIN)
     state = guard.init(observe())
     for carbs in (50.0, 80.0, 100.0):
         _, decision = step(guard, state, observe(carbs=carbs))
@@ -247,5 +256,5 @@ def test_lost_words_of_the_memory_allow_no_more():
 
 
 def test_a_largest_bolus_of_the_pump_is_never_passed():
-    small = design_basal_bolus(BASAL, carb_ratio_g_U=10.0, bolus=bolus_limits(max_U=3.0))
+    small = BasalBolus(carb_ratio_g_U=10.0).of_person(PERSON, bolus=bolus_limits(max_U=3.0))
     assert float(step(small, small.init(observe()), observe(carbs=100.0))[1].bolus_mU) == 3000.0

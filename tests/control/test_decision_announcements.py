@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control import LoopLike, design_oref0
+from glucoloop.control import LoopLike, Oref0
 from glucoloop.control.decision import MEALS, hear, no_meals_to_come
 from glucoloop.control.guard import guarded
 from glucoloop.control.pace import paced
@@ -142,7 +142,7 @@ def test_loop_like_forecasts_a_meal_to_come_as_one_that_begins_later():
 
 @pytest.mark.long
 def test_oref0_gives_the_bolus_at_the_announcement_and_knows_of_the_carbohydrate_when_it_is_eaten():
-    controller = design_oref0(PROFILE)
+    controller = Oref0().of_person(PROFILE)
     step = jax.jit(controller.step)
     state, eaten, boluses = controller.init(told()), [], []
     for seen in (told(), told(50.0, 15.0), told(), told(), told(), told()):

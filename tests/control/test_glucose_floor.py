@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from glucoloop.control import (
+    LinearMPC,
     MPCTuning,
     StateTuning,
     Status,
@@ -13,7 +14,6 @@ from glucoloop.control import (
     design_mpc_se,
     design_nlqdmc_se,
 )
-from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import PARKER_1999_LIMITS
@@ -166,7 +166,8 @@ def test_a_padded_controller_keeps_its_floor(design):
 def test_people_have_the_controllers_that_each_has_alone():
     S = np.cumsum(IMPULSE)[:, None] * np.array([1.0, 1.4])
     settings = {"glucose_floor_mg_dl": 70.0, "floor_weight": 5.0}
-    people = linear_mpc_of_people(S, TUNING, PARKER_1999_LIMITS, sample_time_min=5.0, **settings)
+    tuned, _ = LinearMPC().tuned(TUNING, **settings)
+    people = tuned.of_people(S, PARKER_1999_LIMITS, sample_time_min=5.0)
     for i, strength in enumerate((1.0, 1.4)):
         model = StepResponseModel.from_impulse_response(strength * IMPULSE, 5.0)
         alone = design_linear_mpc(model, TUNING, **settings)
@@ -196,13 +197,11 @@ def test_a_plan_that_is_not_the_best_is_told(monkeypatch):
 @pytest.mark.parametrize("floor", [-1.0, np.nan, np.inf])
 def test_floors_that_are_not_possible_are_refused(floor, imagined):
     for design in (linear, estimating, lambda **settings: nonlinear(imagined, **settings)):
-        with pytest.raises(
-            ValueError, match=r"a glucose floor of .* is not possible; give a finite value of 0 or more"
-        ):
+        with pytest.raises(ValueError, match=r"glucose_floor_mg_dl is .*; give a finite number of 0 mg/dl or more"):
             design(glucose_floor_mg_dl=floor)
 
 
 @pytest.mark.parametrize("weight", [0.0, -1.0, np.nan, np.inf])
 def test_weights_that_are_not_possible_are_refused(weight):
-    with pytest.raises(ValueError, match=r"a floor weight of .* is not possible; give a finite value above 0"):
+    with pytest.raises(ValueError, match=r"floor_weight is .*; give a finite number above 0"):
         linear(glucose_floor_mg_dl=60.0, floor_weight=weight)

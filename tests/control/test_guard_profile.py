@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.control import GuardSettings, Status, design_basal_bolus, guarded
+from glucoloop.control import BasalBolus, GuardSettings, Status, guarded
 from glucoloop.pumps import bolus_limits
 from glucoloop.therapy import Profile
 from guarding import BASAL, SETPOINT, Wants, follow, observe, step
 
 SKIN = GuardSettings.for_route("subcutaneous")
+PERSON = Profile(basal_mU_min=BASAL, setpoint_mg_dl=SETPOINT)
 DAILY_U = 48.0 * 60.0 * BASAL / 1000.0
 RATIO_G_U, FACTOR_MG_DL_U = 500.0 / DAILY_U, 1800.0 / DAILY_U
 """Ratio and factor of the rules, for a total daily dose of 48 basal hours."""
@@ -28,7 +29,7 @@ def seen(glucose, carbs=0.0):
 
 def largest_bolus(settings=SKIN, **known):
     """Bolus, in basal hours, for a meal for which far more is asked than is allowed."""
-    asks = design_basal_bolus(BASAL, carb_ratio_g_U=1.0, bolus=bolus_limits(max_U=90.0))
+    asks = BasalBolus(carb_ratio_g_U=1.0).of_person(PERSON, bolus=bolus_limits(max_U=90.0))
     guard = of_person(guarded(asks, settings), **known)
     decision = step(guard, guard.init(seen(SETPOINT)), seen(SETPOINT, carbs=500.0))[1]
     assert int(decision.status) == Status.DOSE_LIMITED
@@ -64,7 +65,7 @@ def test_the_insulin_that_a_reading_allows_follows_the_factor_with_a_margin():
 
 
 def test_an_announced_meal_gets_its_bolus_though_a_low_is_predicted_but_not_where_the_reading_is_low():
-    guard = guarded(design_basal_bolus(BASAL, carb_ratio_g_U=10.0), SKIN)
+    guard = guarded(BasalBolus(carb_ratio_g_U=10.0).of_person(PERSON), SKIN)
     state = guard.init(seen(SETPOINT + 20.0))
     for glucose in (99.0, 95.0, 89.0):
         state = step(guard, state, seen(glucose))[0]

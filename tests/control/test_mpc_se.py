@@ -122,7 +122,7 @@ def medians(patient_81):
             controller.plan, gain=pad(controller.plan.gain), gradient=pad(controller.plan.gradient)
         )
         long = {name: pad(getattr(controller, name)) for name in ("free_state", "free_input", "free_innovation")}
-        return dataclasses.replace(controller, plan=plan, reference=pad(controller.reference), **long)
+        return controller.replaced(plan=plan, reference=pad(controller.reference), **long)
 
     controllers = [padded(samples if known else 0) for samples, known in TABLE_II]
     together = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *controllers)
@@ -313,7 +313,7 @@ def test_the_size_of_correlated_noise_is_learned_and_the_filter_follows_it():
     for _ in range(TUNING.prediction_horizon):
         w = PHI @ w + GAMMA * rate + gain[:3] * innovation
         free.append(C @ w)
-    wanted = TUNING.reference() * (C @ estimate) - np.array(free)
+    wanted = TUNING.reference_factors() * (C @ estimate) - np.array(free)
     S = np.cumsum([C @ np.linalg.matrix_power(PHI, i) @ GAMMA for i in range(TUNING.prediction_horizon)])
     A = scipy.linalg.toeplitz(S, [S[0], 0.0])
     move = np.linalg.solve(A.T @ A + TUNING.move_weight**2 * np.eye(2), A.T @ wanted)[0]
@@ -393,8 +393,8 @@ def test_statuses():
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
-        ({"offset_free": "integral"}, "unknown offset-free variant 'integral'; the known ones are: held-innovation, "),
-        ({"constraints": "soft"}, "unknown constraint handling 'soft'; the known ones are: clip, qp"),
+        ({"offset_free": "integral"}, "offset_free is 'integral'; give held-innovation, "),
+        ({"constraints": "soft"}, "constraints is 'soft'; give clip or qp"),
         ({"dead_time_samples": -1}, "dead time of -1 samples is not possible; give a whole number of 0 or more"),
         ({"dead_time_samples": 1.5}, "dead_time_samples is 1.5, a float; give a whole number"),
         ({"dead_time_samples": True}, "dead_time_samples is True, a bool; give a whole number"),
@@ -403,9 +403,9 @@ def test_statuses():
         ({"process_noise": [1.0, -1.0, 1.0]}, "Q must be positive semi-definite, but its smallest eigenvalue is -1"),
         ({"process_noise": [1.0, np.nan, 1.0]}, "Q must be finite, but it holds nan"),
         ({"process_noise": np.triu(np.ones((3, 3)))}, "Q must be symmetric"),
-        ({"measurement_variance": 0.0}, "R must be positive definite, but its smallest eigenvalue is 0"),
-        ({"measurement_variance": np.inf}, "R must be finite, but it holds inf"),
-        ({"noise_pace": -0.1}, "pace of -0.1 mg/dl per innovation is not possible; give 0 to 1"),
+        ({"measurement_variance": 0.0}, "measurement_variance is 0; give a finite number above 0"),
+        ({"measurement_variance": np.inf}, "measurement_variance is inf; give"),
+        ({"noise_pace": -0.1}, "noise_pace is -0.1; give a number from 0 to 1"),
         (
             {"offset_free": "input-disturbance", "disturbance_variance": 0.0},
             "every mode on the unit circle must be driven by Q",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.control.profile_mpc import ProfileMPCSettings, design_profile_mpc, forecast_of
+from glucoloop.control.profile_mpc import ProfileMPC, forecast_of
 from glucoloop.control.protocol import Observation, Status, computed_settings
 from glucoloop.meals import Scenario
 from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS
@@ -26,9 +26,7 @@ def models():
 
 
 def designed(profile, **settings):
-    return design_profile_mpc(
-        *models(), profile, ProfileMPCSettings(**settings), PARKER_1999_LIMITS, DEFAULT_BOLUS_LIMITS
-    )
+    return ProfileMPC(**settings).of_model(*models(), profile, PARKER_1999_LIMITS, DEFAULT_BOLUS_LIMITS)
 
 
 PROFILE = Profile(basal_mU_min=BASAL, setpoint_mg_dl=120.0, carb_ratio_g_U=20.0, correction_mg_dl_U=60.0)

@@ -3,15 +3,16 @@
 import pytest
 
 from glucoloop.control import (
+    BasalBolus,
     GuardSettings,
     PIDTuning,
-    design_basal_bolus,
     design_imc,
     design_open_loop,
     design_pid,
     guarded,
 )
 from glucoloop.control.protocol import computed_settings
+from glucoloop.therapy import Profile
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
@@ -28,7 +29,7 @@ def test_pid_and_imc_tell_what_they_were_designed_with(wrapped):
 
 
 def test_rules_of_a_basal_bolus_controller_are_told_as_numbers():
-    told = computed_settings(design_basal_bolus(10.0))
+    told = computed_settings(BasalBolus().of_person(Profile(basal_mU_min=10.0, setpoint_mg_dl=110.0)))
     daily_U = 2.0 * 10.0 * 1.44  # half of a daily dose is basal
     assert told == pytest.approx(
         {"basal_mU_min": 10.0, "carb_ratio_g_U": 500.0 / daily_U, "correction_mg_dl_U": 1800.0 / daily_U}

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from glucoloop.control import MPCTuning, StateTuning
-from glucoloop.control.imc import IMCSettings
-from glucoloop.control.mpc_se import MPCSESettings
-from glucoloop.control.nlqdmc_se import NLQDMCSettings
+from glucoloop.control.imc import IMC
+from glucoloop.control.mpc_se import MPCSE
+from glucoloop.control.nlqdmc_se import NLQDMC
 from glucoloop.control.tuning import PARKER_1999
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
@@ -14,15 +14,15 @@ from glucoloop.patients.capabilities import process_noise
 
 def test_the_reference_goes_to_the_setpoint_by_the_filter():
     tuning = StateTuning(2, 4, reference_filter=0.5, reference_start=0)
-    np.testing.assert_allclose(tuning.reference(), [0.5, 0.25, 0.125, 0.0625])
+    np.testing.assert_allclose(tuning.reference_factors(), [0.5, 0.25, 0.125, 0.0625])
     late = StateTuning(2, 4, reference_filter=0.5, reference_start=1)
-    np.testing.assert_allclose(late.reference(), [1.0, 0.5, 0.25, 0.125])
+    np.testing.assert_allclose(late.reference_factors(), [1.0, 0.5, 0.25, 0.125])
 
 
 def test_without_a_filter_the_setpoint_is_asked_for_at_once():
-    np.testing.assert_array_equal(StateTuning(1, 3, reference_filter=0.0, reference_start=0).reference(), 0.0)
+    np.testing.assert_array_equal(StateTuning(1, 3, reference_filter=0.0, reference_start=0).reference_factors(), 0.0)
     # sample s is where the reference still is: 0^0 = 1
-    np.testing.assert_array_equal(StateTuning(1, 3, reference_filter=0.0).reference(), [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(StateTuning(1, 3, reference_filter=0.0).reference_factors(), [1.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -65,8 +65,8 @@ def test_what_the_paper_prints():
         assert quiet.mpc_se == StateTuning(2, 7, 1.0, 0.0, 0.65, start)
         assert noisy.mpc_se == StateTuning(2, 8, 1.0, 1.0, 0.65, start)
         assert quiet.nlqdmc_se == StateTuning(2, 5, 1.0, 0.0, 0.57, start)
-    assert MPCSESettings().measurement_variance == NLQDMCSettings().measurement_variance == 1.45
-    assert (IMCSettings().filter_min, IMCSettings().delay_min) == (1.0, 5.0)
+    assert MPCSE().measurement_variance == NLQDMC().measurement_variance == 1.45
+    assert (IMC().filter_min, IMC().delay_min) == (1.0, 5.0)
 
 
 @pytest.mark.parametrize(

@@ -134,7 +134,7 @@ def test_without_limits_the_first_move_is_the_least_squares_one(constraints, tun
         constraints=constraints,
     )
     base = 5e5  # far from the limits of any pump
-    controller = dataclasses.replace(controller, basal_mU_min=jnp.asarray(base))
+    controller = controller.with_basal(jnp.asarray(base))
     rng, K = np.random.default_rng(3), kalman_gain()
     m, p = tuning.move_horizon, tuning.prediction_horizon
     late = p + dead_time

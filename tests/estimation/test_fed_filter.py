@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.control.profile_mpc import ProfileMPCSettings, design_profile_mpc
+from glucoloop.control.profile_mpc import ProfileMPC
 from glucoloop.models.profiled import GutCompartments
 from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS
 from glucoloop.simulation import linear_model, nonlinear_model
@@ -22,11 +22,10 @@ PROFILE = Profile(basal_mU_min=10.0, setpoint_mg_dl=120.0, carb_ratio_g_U=12.0, 
 @functools.cache
 def designed():
     """The controller whose filter is tried."""
-    return design_profile_mpc(
+    return ProfileMPC(sensor_error_mg_dl=6.0, measurement_variance=2.0).of_model(
         nonlinear_model(PATIENT),
         linear_model(PATIENT),
         PROFILE,
-        ProfileMPCSettings(sensor_error_mg_dl=6.0, measurement_variance=2.0),
         PARKER_1999_LIMITS,
         DEFAULT_BOLUS_LIMITS,
     )
@@ -69,7 +68,7 @@ def test_the_covariance_goes_on_as_that_of_the_transition_itself():
         h = 1e-4 * max(1.0, abs(v[i]))
         ends = [vector(predict(with_vector(estimate, v + sign * h * np.eye(8)[i]), insulin)) for sign in (1.0, -1.0)]
         F[:, i] = (ends[0] - ends[1]) / (2.0 * h)
-    settings = ProfileMPCSettings()
+    settings = ProfileMPC()
     Q = np.diag(
         [
             0.0,

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.component.grammar import given as given_values
-from glucoloop.control.linear_mpc import LinearMPCSettings
+from glucoloop.control import LinearMPC
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
 from glucoloop.situations.request import request_from
@@ -50,7 +50,7 @@ def test_any_text_is_toml_or_is_not(refusal, text):
     refusal(read_toml, text, "a.toml")
 
 
-controller_keys = {"name", "label", "guard", "model", "faults", *LinearMPCSettings.settings()}
+controller_keys = {"name", "label", "guard", "model", "faults", *LinearMPC.settings()}
 tables_of_parts = st.one_of(
     values,
     st.sampled_from(["mpc", "lag, lag_min=8", "none", "", "a=", "(", "usual, max_hour=2", "limited", "missing"]),

@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 
 import glucoloop.gym.people
 from glucoloop._pytree import pytree
+from glucoloop.component.effects import NoEffectWarning
 from glucoloop.control.protocol import Decision
 from glucoloop.gym import ENVIRONMENT
 from glucoloop.gym.environment import GlucoseEnv, GlucoseVectorEnv
@@ -353,3 +354,38 @@ def test_without_gymnasium_the_extra_is_named(monkeypatch):
         Refusal, match=r"an environment needs gymnasium; install it with: pip install 'glucoloop\[gym\]'"
     ):
         __import__("glucoloop.gym")
+
+
+@pytest.mark.parametrize(
+    ("without_use", "setting"),
+    [
+        ({"profile_by": "titration"}, "profile_by"),
+        ({"meals": []}, "announce_meals"),
+        ({"truth": True}, "sensor"),
+        ({"exercise_spread_pct": 9.0}, "exercise_spread_pct"),
+    ],
+)
+def test_a_setting_without_effect_is_warned_of(without_use, setting):
+    with pytest.warns(NoEffectWarning, match=f"{setting}.* has no effect") as warned:
+        GlucoseEnv(**{**DAY, **without_use})
+    assert {warning.filename for warning in warned} == {__file__}
+
+
+def test_an_environment_whose_settings_all_have_an_effect_warns_of_none(recwarn):
+    GlucoseEnv(**DAY)
+    assert not [warning for warning in recwarn if issubclass(warning.category, NoEffectWarning)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("context", ["spawn", "forkserver"])
+def test_environments_in_processes_of_their_own(context):
+    """Gymnasium's processes, which are not forks of one that has run JAX, are the same people."""
+    makers = [functools.partial(GlucoseEnv, **{**DAY, "seed": seed}) for seed in (1, 2)]
+    apart = gymnasium.vector.AsyncVectorEnv(makers, context=context, shared_memory=False)
+    here = gymnasium.vector.SyncVectorEnv(makers)
+    try:
+        np.testing.assert_array_equal(apart.reset()[0], here.reset()[0])
+        action = np.full((2, 2), [1.0, 0.0], np.float32)
+        np.testing.assert_array_equal(apart.step(action)[0], here.step(action)[0])
+    finally:
+        apart.close(terminate=True)

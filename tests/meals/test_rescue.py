@@ -18,6 +18,7 @@ from glucoloop.sensors import IdealSensor
 from glucoloop.simulation.stepper import scenario_stepper
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.therapy import Profile
 
 NO_MEAL = jnp.zeros((5, 3))
 
@@ -100,9 +101,9 @@ def test_by_true_glucose_noise_of_the_sensor_makes_nobody_eat():
 @pytest.mark.parametrize(("patient", "population"), [("hovorka-2004", "boiroux2017"), ("uva-padova-2008", "lognormal")])
 def test_both_engines_let_people_eat_alike(patient, population):
     people = gl.virtual_people(gl.population(population, patient=patient), seed=3, person=range(4))
-    basal = gl.control.design_basal_bolus(
-        float(gl.patient(patient).basal_insulin_mU_min), gl.usual_limits(gl.patient(patient))
-    )
+    nominal = gl.patient(patient)
+    profile = Profile(basal_mU_min=float(nominal.basal_insulin_mU_min), setpoint_mg_dl=nominal.setpoint_mg_dl)
+    basal = gl.control.BasalBolus().of_person(profile, gl.usual_limits(nominal))
     meals = [gl.Meal(50.0, 100.0, announced_g=250.0)]
     scenario = gl.Scenario(meals, 720.0, announced=True, rescue=rescue_carbs())
     native, xla = (gl.simulate_people(people, basal, scenario=scenario, engine=engine) for engine in ("native", "xla"))

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.build.designs import controller_of
-from glucoloop.control import Observation, StateTuning, design_mpc_se
-from glucoloop.control.mpc_se import MPCSESettings
+from glucoloop.control import MPCSE, Observation, StateTuning, design_mpc_se
 from glucoloop.models.nonlinear import individual_model
 from glucoloop.models.sensor_lag import behind_lag, linear_behind_lag
 from glucoloop.models.state_space import ContinuousModel, discretise, linearise, step_response
@@ -158,7 +157,7 @@ def test_a_controller_is_told_of_a_lag_by_a_setting(name):
 
 def test_a_lag_beyond_two_hours_is_refused():
     with pytest.raises(ValueError, match="sensor_lag_min is 150 min; give a number from 0 to 120"):
-        MPCSESettings(sensor_lag_min=150.0)
+        MPCSE(sensor_lag_min=150.0)
 
 
 def observe(reading, rate):

@@ -2,9 +2,18 @@
 
 from glucoloop.build.designs import controller_of
 from glucoloop.control.protocol import computed_settings
-from glucoloop.reporting.descriptions import _case_in_words, controllers_facts, engine_facts, engine_notes
+from glucoloop.reporting.descriptions import (
+    _case_in_words,
+    controllers_facts,
+    engine_facts,
+    engine_notes,
+    run_facts,
+    trial_facts,
+)
+from glucoloop.reporting.periods import moment_text
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.trials.trial import Trial
 
 NATIVE, LACKING = {"engine": "native"}, {"engine": "xla", "not_native": "the operation 'sort' in the controller"}
 
@@ -39,3 +48,14 @@ def test_a_setting_without_a_value_is_not_told():
     run = configured(Run, controller="meal-mpc")
     assert run.case.tuning["meals_by_time"] == ""
     assert "meals by time" not in _case_in_words(run.case)
+
+
+def test_meals_of_a_long_run_are_told_by_day_and_clock_in_their_order():
+    settings = {"scenario": "week, days=2", "start": "06:00", "controller": ["pid"]}
+    run = configured(Run, settings)
+    told = run_facts(run, run.case)["Meals"].split(" g at ")[1:]
+    clocks = [text.partition(",")[0] + "," + text.partition(",")[2][:6] for text in told]
+    first = min(run.eaten(), key=lambda meal: meal.t_min).t_min
+    assert clocks[0] == moment_text(first, 2880.0, 360.0)
+    assert clocks == sorted(clocks)
+    assert trial_facts(configured(Trial, {**settings, "people": 2}))["Meals"].startswith("45 g at 13:00, 70 g at 18:00")

@@ -408,7 +408,7 @@ def test_a_controller_of_ones_own_is_ones_own(noisy, nominal):
     people, made, runs = noisy
     inner = people.controller.inner
     others = jnp.full(PEOPLE, nominal.basal_insulin_mU_min)
-    controller = dataclasses.replace(people.controller, inner=dataclasses.replace(inner, basal_mU_min=others))
+    controller = dataclasses.replace(people.controller, inner=inner.with_basal(others))
     again = made["native"].run(dataclasses.replace(people, controller=controller))
     assert np.abs(again.insulin_mU_min - runs["native"].insulin_mU_min).max(axis=0).min() > 0.01
 

@@ -19,7 +19,7 @@ from glucoloop.studies.detection.evaluate import (
     _who_and_when,
     evaluate,
 )
-from glucoloop.studies.detection.study import _findings
+from glucoloop.studies.detection.study import _results
 
 # Scores, by hand ------------------------------------------------------------------------------------------------------
 
@@ -173,7 +173,7 @@ def test_the_example_is_the_first_day(result):
 @pytest.mark.long
 def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
     meals = result.by_estimator[SLOW_GUTS].tables["meals"].to_numpy(structured=True)
-    summary = _findings(asked, result).plain["estimators"][SLOW_GUTS]
+    summary = _results(asked, result).plain["estimators"][SLOW_GUTS]
     assert summary["meals"] == 6 == sum(size["meals"] for size in summary["by_size"])
     assert summary["delay_median_min"] == pytest.approx(np.median(meals["delay_min"]))
     error = meals["estimated_g"] - meals["carbs_g"]
@@ -190,7 +190,7 @@ def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
 @pytest.mark.long
 def test_without_meals_there_is_no_number_of_them():
     asked = configured(Detection, days=1, meals=[], meal_size_spread_pct=0.0, controller="basal", estimators=["kalman"])
-    summary = _findings(asked, evaluate(asked, lambda done: None)).plain["estimators"]["kalman"]
+    summary = _results(asked, evaluate(asked, lambda done: None)).plain["estimators"]["kalman"]
     assert (summary["meals"], summary["delay_median_min"], summary["missed_pct"]) == (0, None, None)
     assert summary["false_alarms_between_per_day"] is None
     assert summary["false_alarms_fasting_per_day"] >= 0.0

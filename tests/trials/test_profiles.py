@@ -10,7 +10,7 @@ import pytest
 
 import glucoloop as gl
 from glucoloop._pytree import pytree
-from glucoloop.control import design_basal_bolus
+from glucoloop.control import BasalBolus
 from glucoloop.control.protocol import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.situations.situation import configured
@@ -124,8 +124,7 @@ def test_a_controller_of_ones_own_is_told_the_profile():
 
 
 def test_a_profile_that_knows_no_doses_leaves_a_controller_as_it_was():
-    controller = design_basal_bolus(6.73)
+    controller = BasalBolus().of_person(Profile(basal_mU_min=6.73, setpoint_mg_dl=120.0))
     same = controller.with_profile(Profile(basal_mU_min=6.73, setpoint_mg_dl=120.0, weight_kg=75.0))
-    assert same.own_carb_ratio_g_U is None
-    assert float(same.carb_ratio()) == float(controller.carb_ratio())
-    assert float(same.correction_factor()) == float(controller.correction_factor())
+    assert float(same.carbs_per_U) == float(controller.carbs_per_U)
+    assert float(same.fall_per_U) == float(controller.fall_per_U)

@@ -26,8 +26,7 @@ from glucoloop.build.surroundings import record_sensor
 from glucoloop.build.titration import profile_of
 from glucoloop.component.code import loaded
 from glucoloop.control import Controller
-from glucoloop.control.linear_mpc import linear_mpc_of_people
-from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
+from glucoloop.control.mpc_se import FilteredModels
 from glucoloop.control.protocol import computed_settings
 from glucoloop.estimation import filter_gain, steady_state_covariance
 from glucoloop.identification import (
@@ -144,14 +143,13 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
             if network is not None:
                 network = dataclasses.replace(network, after=late)
         S = np.where(known, np.cumsum(np.asarray(smooth), axis=0), np.nan)
-        return linear_mpc_of_people(
+        controllers: Controller = tuning.of_people(
             np.concatenate([np.zeros((late, S.shape[1])), S]),
-            tuning,
             situation.limits,
             sample_time_min=situation.sample_time_min,
             realisation=network,
-            **settings.moves,
         )
+        return controllers
 
     return design
 
@@ -164,7 +162,7 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     nominal = situation.nominal
     varies = varying(example.patient, nominal)
     settings: Any = case.controller
-    noise, variance = process_noise(nominal, *settings.process_noise), settings.measurement_variance
+    noise, variance = process_noise(nominal, *settings.noise_variances), settings.measurement_variance
 
     def of_person(leaves: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         model = linear_model_at(replaced(nominal, varies, leaves), x, insulin, situation.sample_time_min)
@@ -182,17 +180,15 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
         basal = jnp.asarray(people.basal_insulin_mU_min)
         result = gains(chosen(people.patient, varies), jnp.asarray(people.rest), basal)
         Phi, Gamma, C, gain, rest = (np.asarray(part) for part in result)
-        return mpc_se_of_people(
+        controllers: Controller = settings.of_people(
             FilteredModels(Phi=Phi, Gamma=Gamma, C=C, kalman_gain=gain, rest=rest),
-            settings,
             situation.limits,
             basal_mU_min=basal,
             basal_glucose_mg_dl=people.patient.setpoint_mg_dl,
             sample_time_min=situation.sample_time_min,
-            hold_innovation=settings.offset_free == "held-innovation",
             dead_time_samples=situation.dead_time_samples if case.known_dead_time else 0,
-            **settings.moves,
         )
+        return controllers
 
     return design
 

@@ -277,7 +277,12 @@ def _checking(component: type[Component], plain_init: Callable[..., None]) -> Ca
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
         settings = component.settings()
         values = {name: _bare(_taken(component, name, value)) for name, value in given.items() if name in settings}
-        wiring = {name: _connected(component, name, value) for name, value in given.items() if name not in settings}
+        unconnected = {field.name for field in fields if field.default is None and given.get(field.name) is None}
+        wiring = {
+            name: None if name in unconnected else _connected(component, name, value)
+            for name, value in given.items()
+            if name not in settings
+        }
         plain_init(self, **values, **wiring)
         self._noted(values, "", "")
 

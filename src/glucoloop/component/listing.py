@@ -12,7 +12,7 @@ from glucoloop.component.code import loaded
 from glucoloop.component.grammar import component_text
 from glucoloop.component.references import reference
 from glucoloop.component.routes import SUBCUTANEOUS
-from glucoloop.component.setting import Setting, choices_text, known_names, value_text
+from glucoloop.component.setting import Setting, known_names, value_text
 from glucoloop.refusal import Refusal
 
 _NAME_WIDTH: Final = 18
@@ -60,13 +60,6 @@ def _setting(component: type[Component], setting: Setting) -> dict[str, Any]:
         named = [component_text(component.tree()) for component in components]
         more = f"; and {len(named) - _MAX_COMPONENTS} more" if len(named) > _MAX_COMPONENTS else ""
         usual = {"": "; ".join(named[:_MAX_COMPONENTS]) + more} if named else {}
-        possible = f"{'components' if setting.many else 'a component'} of the kind {setting.kind.kind}"
-    elif setting.choices:
-        possible = choices_text(setting.choices)
-    elif setting.kind in (int, float):
-        possible = setting.possible
-    else:
-        possible = "true or false" if setting.kind is bool else "a text"
     if setting.default.noisy is not None:
         usual["with noise"] = setting.default.noisy
     subcutaneous = component.defaults_of_route(SUBCUTANEOUS)
@@ -75,7 +68,7 @@ def _setting(component: type[Component], setting: Setting) -> dict[str, Any]:
     return {
         "name": setting.name,
         "summary": setting.summary,
-        "possible": possible,
+        "possible": setting.possible,
         "unit": "" if setting.is_component else setting.unit,
         "usual": usual,
     }

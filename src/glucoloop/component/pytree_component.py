@@ -89,6 +89,9 @@ class _Attributes(NamedTuple):
 class PytreeComponent(Component):
     """A component with its science as methods. An object of it is complete when it is made, and never changes."""
 
+    role_of_settings: ClassVar[Role | None] = None
+    """Role of the settings that declare none, such as `HOST` where all are used up by a design; None: by their type."""
+
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
         register(cls, lambda: cls._attributes()[:2], cls._rebuilt)
@@ -101,16 +104,15 @@ class PytreeComponent(Component):
             hints = typing.get_type_hints(cls, include_extras=True)
             for field in dataclasses.fields(typing.cast(Any, cls)):
                 declared = (mark for mark in getattr(hints[field.name], "__metadata__", ()) if isinstance(mark, Role))
-                usual = field.metadata.get("role") or (DATA if cls._is_number(field.name) else STATIC)
-                roles[field.name] = next(declared, usual)
+                roles[field.name] = next(declared, field.metadata.get("role") or cls._role_of_setting(field.name))
             roles |= {name: getattr(cls, name).role for name in cls.derived_names()}
             names = _Attributes(*(tuple(name for name in roles if roles[name] is role) for role in Role))
             type.__setattr__(cls, "_names", names)
         return names
 
     @classmethod
-    def _is_number(cls, name: str) -> bool:
-        return cls.settings()[name].kind is float
+    def _role_of_setting(cls, name: str) -> Role:
+        return cls.role_of_settings or (DATA if cls.settings()[name].kind is float else STATIC)
 
     @classmethod
     @functools.cache

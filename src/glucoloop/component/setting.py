@@ -167,7 +167,13 @@ class Setting:
 
     @property
     def possible(self) -> str:
-        """Possible numbers in words, with the other units in which they may be given."""
+        """Possible values in words, of a number with the other units in which it may be given."""
+        if self.is_component:
+            return f"{'components' if self.many else 'a component'} of the kind {self.kind.kind}"
+        if self.choices:
+            return choices_text(self.choices)
+        if self.kind not in (int, float):
+            return "true or false" if self.kind is bool else "a text"
         others = [name for name in OTHER_UNITS.get(self.unit, {}) if name != "m"]
         also = f", or one in {choices_text(others)}" if others and self.kind is float else ""
         return self.about.possible(self.kind, self.unit) + also
@@ -202,13 +208,9 @@ class Setting:
 
     def _wrong(self, value: object) -> str | None:
         """Sentence on what is wrong with a single value, and the mend; None for a possible one."""
-        if self.choices:
-            return (
-                None if value in self.choices else f"{self.name} is {shown(value)}; give {choices_text(self.choices)}"
-            )
-        if self.kind in (str, bool):
-            wanted = "a text" if self.kind is str else "true or false"
-            return None if self.has_type(value) else f"{self.name} is {shown(value)}; give {wanted}"
+        if self.choices or self.kind in (str, bool):
+            right = value in self.choices if self.choices else self.has_type(value)
+            return None if right else f"{self.name} is {shown(value)}; give {self.possible}"
         if self.kind not in (int, float):
             return None
         about = self.about

@@ -1,5 +1,4 @@
 from .basal_bolus import BasalBolus as BasalBolus
-from .basal_bolus import design_basal_bolus as design_basal_bolus
 from .catalogue import CONTROLLERS as CONTROLLERS
 from .guard import Guard as Guard
 from .guard import guarded as guarded
@@ -19,7 +18,6 @@ from .nlqdmc_se import design_nlqdmc_se as design_nlqdmc_se
 from .open_loop import OpenLoop as OpenLoop
 from .open_loop import design_open_loop as design_open_loop
 from .oref0.controller import Oref0 as Oref0
-from .oref0.controller import design_oref0 as design_oref0
 from .pace import Paced as Paced
 from .pace import paced as paced
 from .part import ControllerComponent as ControllerComponent

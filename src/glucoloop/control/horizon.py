@@ -53,13 +53,6 @@ def response_at_rest(model: NonlinearModel) -> tuple[Any, Any]:
     return linear_response(discretise(linear, model.sample_time_min))
 
 
-def or_suited(tuning: Tuning | None, default: Tuning) -> tuple[Tuning, int]:
-    """A tuning, or for None the default with a horizon to choose; and the shortest horizon that `suited` chooses."""
-    if tuning is not None:
-        return tuning, 1
-    return dataclasses.replace(default, prediction_horizon=0), default.prediction_horizon
-
-
 def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tuning:
     """A tuning with a horizon that suits the model, but at least `usual`, if its own is 0, and unchanged otherwise.
 

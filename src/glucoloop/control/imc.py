@@ -7,12 +7,14 @@ E. Zafiriou, Robust Process Control, 1989, ch. 4 and 8.
 from __future__ import annotations
 
 import math
+from dataclasses import KW_ONLY
 from typing import Annotated, Any, ClassVar
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
-from glucoloop.component.effects import ONLY_READINGS, Need
+from glucoloop.component.effects import ONLY_READINGS
+from glucoloop.component.pytree_component import DATA, HOST, STATIC, wired
 from glucoloop.component.setting import About
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase, check_gain, check_number, check_sample_time
@@ -20,30 +22,6 @@ from glucoloop.control.part import ControllerComponent, FittedStep
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-
-
-class IMCSettings(ControllerComponent, name="imc"):
-    """Internal model control with a filter, on a first-order model with dead time."""
-
-    sources = ("parker1999", "sorensen1985", "morari1989")
-    used: ClassVar = ONLY_READINGS
-    uses_model: ClassVar = False
-
-    filter_min: Annotated[float, About("Time constant of the filter, λ, in minutes.", above=0.0)] = 1.0
-    delay_min: Annotated[float, About("Dead time of the first-order model, in minutes.", at_least=0.0)] = 5.0
-    step_mU_min: FittedStep = 0.0
-
-    def designed(self, case: DesignCase) -> IMC:
-        """IMC on a first-order model of the patient; a known dead time is added to the model's own."""
-        model = case.first_order(self.step_mU_min or None, self.delay_min)
-        return design_imc(
-            float(model.gain),
-            float(model.tau_min),
-            self.delay_min + case.dead_time_samples * case.sample_time_min,
-            case.limits,
-            filter_min=self.filter_min,
-            sample_time_min=case.sample_time_min,
-        )
 
 
 @pytree
@@ -61,20 +39,73 @@ class _IMCState:
     insulin_mU_min: jax.Array
 
 
-@pytree
-class IMC:
-    """Internal model controller; see `design_imc`."""
+class IMC(ControllerComponent, name="imc"):
+    """Internal model control with a filter, on a first-order model with dead time.
 
-    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
+    The model is ``y_k = a y_(k-1) + b u_(k-1-d)`` with ``a = exp(-T / tau)`` and ``b = K (1 - a)``. With the filter
+    ``v_k = f v_(k-1) + (1 - f) e_k``, ``f = exp(-T / lambda)``, on the error ``e = y_model - (y - r)``, the
+    controller inverts the model without its dead time: ``u_k = u_0 + (v_k - a v_(k-1)) / b``.
+    """
 
-    pole: jax.Array | float
-    gain: jax.Array | float
-    filter_pole: jax.Array | float
-    limits: DoseLimits
-    delay_samples: int = static()
-    sample_time_min: float = static()
+    sources = ("parker1999", "sorensen1985", "morari1989")
+    used: ClassVar = ONLY_READINGS
+    uses_model: ClassVar = False
+    role_of_settings: ClassVar = HOST
     memory_bound: ClassVar[float] = 1e4
     """Bound on its memory for a guard: glucose is below 1000 mg/dl, and rates below 10 000 mU/min (600 U/h)."""
+
+    filter_min: Annotated[float, About("Time constant of the filter, λ, in minutes.", above=0.0)] = 1.0
+    delay_min: Annotated[float, About("Dead time of the first-order model, in minutes.", at_least=0.0)] = 5.0
+    step_mU_min: FittedStep = 0.0
+    _: KW_ONLY
+    pole: jax.Array | float = wired(DATA, default=None)
+    gain: jax.Array | float = wired(DATA, default=None)
+    filter_pole: jax.Array | float = wired(DATA, default=None)
+    limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
+    delay_samples: int = wired(STATIC, default=0)
+    sample_time_min: float = wired(STATIC, default=5.0)
+
+    def designed(self, case: DesignCase) -> IMC:
+        """IMC on a first-order model of the patient; a known dead time is added to the model's own."""
+        model = case.first_order(self.step_mU_min or None, self.delay_min)
+        return self.of_model(
+            float(model.gain),
+            float(model.tau_min),
+            self.delay_min + case.dead_time_samples * case.sample_time_min,
+            case.limits,
+            sample_time_min=case.sample_time_min,
+        )
+
+    def of_model(
+        self, gain: float, tau_min: float, delay_min: float, limits: DoseLimits, *, sample_time_min: float
+    ) -> IMC:
+        """The controller on a first-order model, of which the dead time is `delay_min`; see `design_imc`."""
+        check_sample_time(sample_time_min)
+        check_gain(gain)
+        check_number("lag", tau_min, "min")
+        check_number("filter", self.filter_min, "min")
+        if is_traced(delay_min):
+            raise ArgumentTypeError(
+                "delay_min is traced by JAX, but it decides how many doses the controller remembers; "
+                "give a plain number"
+            )
+        delay = round(delay_min / sample_time_min) if math.isfinite(delay_min) else -1
+        if delay < 0 or abs(delay * sample_time_min - delay_min) > 1e-9:
+            raise Refusal(
+                f"a dead time of {delay_min:g} min is not possible; "
+                f"give a multiple of the sample time, {sample_time_min:g} min"
+            )
+        exp: Any = jnp.exp if is_traced(tau_min, self.filter_min) else math.exp
+        a = exp(-sample_time_min / tau_min)
+        controller: IMC = self.made(
+            pole=a,
+            gain=gain * (1.0 - a),
+            filter_pole=exp(-sample_time_min / self.filter_min),
+            limits=limits,
+            delay_samples=delay,
+            sample_time_min=sample_time_min,
+        )
+        return controller
 
     def settled(self) -> dict[str, Any]:
         """Model, with its gain in mg/dl per mU/min, and the filter."""
@@ -127,14 +158,10 @@ def design_imc(
     delay_min: float,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    filter_min: float = IMCSettings.filter_min,
+    filter_min: float = IMC.filter_min,
     sample_time_min: float = 5.0,
 ) -> IMC:
-    """Discrete internal model controller with a first-order filter.
-
-    The model is ``y_k = a y_(k-1) + b u_(k-1-d)`` with ``a = exp(-T / tau)`` and ``b = K (1 - a)``. With the filter
-    ``v_k = f v_(k-1) + (1 - f) e_k``, ``f = exp(-T / lambda)``, on the error ``e = y_model - (y - r)``, the
-    controller inverts the model without its dead time: ``u_k = u_0 + (v_k - a v_(k-1)) / b``.
+    """`IMC` on a first-order model with dead time.
 
     Parameters
     ----------
@@ -157,27 +184,8 @@ def design_imc(
     >>> round(float(controller.pole), 4), controller.delay_samples
     (0.9454, 1)
     """
-    check_sample_time(sample_time_min)
-    check_gain(gain)
-    check_number("lag", tau_min, "min")
-    check_number("filter", filter_min, "min")
-    if is_traced(delay_min):
-        raise ArgumentTypeError(
-            "delay_min is traced by JAX, but it decides how many doses the controller remembers; give a plain number"
-        )
-    delay = round(delay_min / sample_time_min) if math.isfinite(delay_min) else -1
-    if delay < 0 or abs(delay * sample_time_min - delay_min) > 1e-9:
-        raise Refusal(
-            f"a dead time of {delay_min:g} min is not possible; "
-            f"give a multiple of the sample time, {sample_time_min:g} min"
-        )
-    exp: Any = jnp.exp if is_traced(tau_min, filter_min) else math.exp
-    a = exp(-sample_time_min / tau_min)
-    return IMC(
-        pole=a,
-        gain=gain * (1.0 - a),
-        filter_pole=exp(-sample_time_min / filter_min),
-        limits=limits,
-        delay_samples=delay,
-        sample_time_min=sample_time_min,
+    return (
+        IMC()
+        .replaced(filter_min=filter_min)
+        .of_model(gain, tau_min, delay_min, limits, sample_time_min=sample_time_min)
     )

@@ -7,38 +7,22 @@ prediction horizon is kept as a small state, the "residual dynamics" of Lee, Mor
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import KW_ONLY
 from typing import Any, ClassVar
 
 from glucoloop._lazy_jax import jax, jnp, np, npt
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
-from glucoloop.component.effects import ONLY_READINGS, Need
+from glucoloop.component.pytree_component import DATA, STATIC, wired
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.horizon import identified_response, or_suited, suited, unseen
+from glucoloop.control.horizon import identified_response, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import DEFAULT_FLOOR_WEIGHT, Constraints, FloorGlucose, FloorWeight, MPCTuning
 from glucoloop.models.step_response import Realisation, StepResponseModel, extended
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-
-
-class LinearMPCSettings(MPCTuning, name="mpc"):
-    """Linear model predictive control on the identified step response."""
-
-    sources = ("parker1999", "lee1994")
-    individual: ClassVar = "glucoloop.build.individual:linear_mpc"
-    tunable: ClassVar = True
-
-    constraints: Constraints = "clip"
-    glucose_floor_mg_dl: FloorGlucose = 0.0
-    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
-
-    def designed(self, case: DesignCase) -> LinearMPC:
-        """Linear MPC; a known dead time lengthens its horizon, so that it looks as far past it as before."""
-        return design_linear_mpc(case.identified, self.longer(case.dead_time_samples), case.limits, **self.moves)
 
 
 @pytree
@@ -55,22 +39,112 @@ class _LinearMPCState:
     """(L, ...) state of what comes after N samples; None for a response that is constant there."""
 
 
-@pytree
-class LinearMPC:
-    """Linear MPC; see `design_linear_mpc`."""
+class LinearMPC(MPCTuning, name="mpc"):
+    r"""Linear model predictive control on the identified step response.
 
-    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
+    The controller minimises, over the moves ``du = (du_0 .. du_(m-1))``::
 
-    step_response: jax.Array
-    """(N,) S_1 .. S_N, long enough for the prediction horizon."""
-    plan: MovePlan
-    sample_time_min: float = static()
+        Gamma_y^2 || r - (free + d + A du) ||^2 + Gamma_u^2 || du ||^2
+
+    and makes the first move. ``free`` is the response to all moves that the pump has made, `d` the difference between
+    the reading and the model now, held over the horizon.
+
+    ============  ==========================================  ========
+    variable      meaning                                     size
+    ============  ==========================================  ========
+    ``S``         step response                               (N,)
+    ``A``         dynamic matrix, ``A_ij = S_(i-j+1)``        (p, m)
+    ``K``         gain, first row of the solution             (p,)
+    ``free``      free response, at the sample and after      (N,)
+    ============  ==========================================  ========
+
+    N is the memory of the model, or for a model with a realisation ``p + 1``: what comes after that is then the
+    response of L further states.
+
+    The constraint (19) has slack: with a floor above 0, ``w^2 |e|^2`` is added to the objective, where ``e_i >= 0`` is
+    what the predicted glucose lacks of the floor at the sample i ahead, and the moves are the exact minimiser within
+    the pump's limits, whatever `constraints` says.
+    """
+
+    sources = ("parker1999", "lee1994")
+    individual: ClassVar = "glucoloop.build.individual:linear_mpc"
+    tunable: ClassVar = True
     memory_bound: ClassVar[float] = 1e4
     """Bound on its memory for a guard: glucose is below 1000 mg/dl, what insulin does to it below 10 000 mg/dl, and
     rates are below 10 000 mU/min (600 U/h).
     """
-    realisation: Realisation | None = None
+
+    constraints: Constraints = "clip"
+    glucose_floor_mg_dl: FloorGlucose = 0.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+    _: KW_ONLY
+    step_response: jax.Array = wired(DATA, default=None)
+    """(N,) S_1 .. S_N, long enough for the prediction horizon."""
+    plan: MovePlan = wired(DATA, default=None)
+    realisation: Realisation | None = wired(DATA, default=None)
     """The response after N samples; None for one that is constant there."""
+    sample_time_min: float = wired(STATIC, default=5.0)
+
+    def designed(self, case: DesignCase) -> LinearMPC:
+        """Linear MPC; a known dead time lengthens its horizon, so that it looks as far past it as before."""
+        return self.longer(case.dead_time_samples).of_model(case.identified, case.limits)
+
+    def of_model(self, model: StepResponseModel, limits: DoseLimits, *, min_horizon: int = 1) -> LinearMPC:
+        """The controller on an identified model.
+
+        A horizon of 0 becomes one that suits the model and is not shorter than `min_horizon`.
+
+        Raises
+        ------
+        Refusal
+            For an unknown way of handling constraints, a floor that is not possible, or a model that is not finite,
+            whose gain is not below 0, or whose response at the prediction horizon has less than `horizon.MIN_SHARE` of
+            it.
+        """
+        response, gain = identified_response(model)
+        if not is_traced(response) and not np.all(np.isfinite(response)):
+            raise Refusal("the step response has a value that is not finite; identify the model again")
+        tuning = suited(self, response, gain, usual=min_horizon)
+        response = model.step_response
+        S, after = _remembered(
+            response if is_traced(response) else np.asarray(response, float),
+            model.realisation,
+            tuning.prediction_horizon,
+        )
+        floor = glucose_floor(self.glucose_floor_mg_dl, self.floor_weight)
+        plan = plan_moves(S, tuning, limits, self.constraints, floor)
+        return tuning._with(S, plan, model.sample_time_min, after)
+
+    def of_people(
+        self,
+        step_response: npt.NDArray[np.float64],
+        limits: DoseLimits,
+        *,
+        sample_time_min: float,
+        realisation: Realisation | None = None,
+    ) -> LinearMPC:
+        """Controllers of many people, who trail, each on the person's own step response ``(M, people)``.
+
+        A realisation after n <= M samples has outputs ``(L, people)``. The rate of a person whose response at the
+        horizon has less than `horizon.MIN_SHARE` of its gain is kept.
+        """
+        gain = step_response[-1]
+        if realisation is not None:
+            gain = gain + np.asarray(realisation.advanced(step_response.shape[0]).sum)
+        S, after = _remembered(step_response, realisation, self.prediction_horizon)
+        hidden = unseen(extended(S, None, self.prediction_horizon), gain, self.prediction_horizon)
+        floor = glucose_floor(self.glucose_floor_mg_dl, self.floor_weight)
+        plan = plans_of_people(S, self, limits, self.constraints, floor, hidden=hidden)
+        return self._with(S, plan, sample_time_min, after)
+
+    def _with(self, S: Any, plan: MovePlan, sample_time_min: float, after: Realisation | None) -> LinearMPC:
+        controller: LinearMPC = self.made(
+            step_response=jnp.asarray(S),
+            plan=plan,
+            sample_time_min=sample_time_min,
+            realisation=jax.tree.map(jnp.asarray, after),
+        )
+        return controller
 
     @property
     def gain(self) -> jax.Array:
@@ -89,7 +163,7 @@ class LinearMPC:
     def padded(self, moves: int, horizon: int) -> LinearMPC:
         """The same controller with room for more moves and more samples, none of which has any weight."""
         longer, after = _remembered(self.step_response, self.realisation, horizon)
-        return dataclasses.replace(self, step_response=longer, realisation=after, plan=self.plan.padded(moves, horizon))
+        return self.replaced(step_response=longer, realisation=after, plan=self.plan.padded(moves, horizon))
 
     def init(self, observation: Observation) -> _LinearMPCState:
         """State of a controller at steady state under the delivered rate, with glucose at the first reading."""
@@ -149,30 +223,11 @@ def design_linear_mpc(
     tuning: MPCTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    constraints: str = LinearMPCSettings.constraints,
-    glucose_floor_mg_dl: float = LinearMPCSettings.glucose_floor_mg_dl,
-    floor_weight: float = LinearMPCSettings.floor_weight,
+    constraints: str = LinearMPC.constraints,
+    glucose_floor_mg_dl: float = LinearMPC.glucose_floor_mg_dl,
+    floor_weight: float = LinearMPC.floor_weight,
 ) -> LinearMPC:
-    r"""Linear MPC on an identified step response.
-
-    The controller minimises, over the moves ``du = (du_0 .. du_(m-1))``::
-
-        Gamma_y^2 || r - (free + d + A du) ||^2 + Gamma_u^2 || du ||^2
-
-    and makes the first move. ``free`` is the response to all moves that the pump has made, `d` the difference between
-    the reading and the model now, held over the horizon.
-
-    ============  ==========================================  ========
-    variable      meaning                                     size
-    ============  ==========================================  ========
-    ``S``         step response                               (N,)
-    ``A``         dynamic matrix, ``A_ij = S_(i-j+1)``        (p, m)
-    ``K``         gain, first row of the solution             (p,)
-    ``free``      free response, at the sample and after      (N,)
-    ============  ==========================================  ========
-
-    N is the memory of the model, or for a model with a realisation ``p + 1``: what comes after that is then the
-    response of L further states.
+    """`LinearMPC` on an identified step response.
 
     Parameters
     ----------
@@ -187,17 +242,14 @@ def design_linear_mpc(
         ``"clip"``: the closed form, its rate clipped and then its magnitude, as in the paper. ``"qp"``: the exact
         minimiser within the limits of every planned move.
     glucose_floor_mg_dl : float
-        The constraint (19) with slack. Above 0, ``w^2 |e|^2`` is added to the objective, where ``e_i >= 0`` is what the
-        predicted glucose lacks of the floor at the sample i ahead, and the moves are the exact minimiser within the
-        pump's limits, whatever `constraints` says. 0: no floor.
+        Soft lower bound on predicted glucose; 0: none.
     floor_weight : float
-        w.
+        Weight w on its violation.
 
     Raises
     ------
     ValueError
-        For an unknown way of handling constraints, a floor that is not possible, or a model that is not finite, whose
-        gain is not below 0, or whose response at the prediction horizon has less than `horizon.MIN_SHARE` of it.
+        As of `LinearMPC.of_model`.
 
     Examples
     --------
@@ -207,51 +259,7 @@ def design_linear_mpc(
     >>> [round(float(k), 4) for k in controller.gain]
     [-0.2, -0.36, -0.48]
     """
-    tuning, usual = or_suited(tuning, MPCTuning())
-    response, gain = identified_response(model)
-    if not is_traced(response) and not np.all(np.isfinite(response)):
-        raise Refusal("the step response has a value that is not finite; identify the model again")
-    tuning = suited(tuning, response, gain, usual=usual)
-    response = model.step_response
-    S, after = _remembered(
-        response if is_traced(response) else np.asarray(response, float), model.realisation, tuning.prediction_horizon
+    settings, min_horizon = LinearMPC().tuned(
+        tuning, constraints=constraints, glucose_floor_mg_dl=glucose_floor_mg_dl, floor_weight=floor_weight
     )
-    plan = plan_moves(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight))
-    return LinearMPC(
-        step_response=jnp.asarray(S), plan=plan, sample_time_min=model.sample_time_min, realisation=_as_jax(after)
-    )
-
-
-def linear_mpc_of_people(
-    step_response: npt.NDArray[np.float64],
-    tuning: MPCTuning,
-    limits: DoseLimits,
-    *,
-    sample_time_min: float,
-    realisation: Realisation | None = None,
-    constraints: str = LinearMPCSettings.constraints,
-    glucose_floor_mg_dl: float = LinearMPCSettings.glucose_floor_mg_dl,
-    floor_weight: float = LinearMPCSettings.floor_weight,
-) -> LinearMPC:
-    """Controllers of many people, who trail, each on the person's own step response ``(M, people)``.
-
-    A realisation after n <= M samples has outputs ``(L, people)``; other arguments are those of `design_linear_mpc`.
-    The rate of a person whose response at the horizon has less than `horizon.MIN_SHARE` of its gain is kept.
-    """
-    gain = step_response[-1]
-    if realisation is not None:
-        gain = gain + np.asarray(realisation.advanced(step_response.shape[0]).sum)
-    S, after = _remembered(step_response, realisation, tuning.prediction_horizon)
-    hidden = unseen(extended(S, None, tuning.prediction_horizon), gain, tuning.prediction_horizon)
-    floor = glucose_floor(glucose_floor_mg_dl, floor_weight)
-    return LinearMPC(
-        step_response=jnp.asarray(S),
-        plan=plans_of_people(S, tuning, limits, constraints, floor, hidden=hidden),
-        sample_time_min=sample_time_min,
-        realisation=_as_jax(after),
-    )
-
-
-def _as_jax(realisation: Realisation | None) -> Realisation | None:
-    arrays: Realisation | None = jax.tree.map(jnp.asarray, realisation)
-    return arrays
+    return settings.of_model(model, limits, min_horizon=min_horizon)

@@ -214,6 +214,7 @@ class LoopLike(OfPerson, name="loop-like"):
         *,
         bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
         sample_time_min: float = 5.0,
+        allow_unusual: bool = False,
     ) -> Self:
         """The controller for a person and a pump; a sample time after which a reading no longer counts is refused."""
         if sample_time_min > _RECENT_MIN:
@@ -221,7 +222,9 @@ class LoopLike(OfPerson, name="loop-like"):
                 f"a sample time of {sample_time_min:g} min is not possible here, where a reading counts for "
                 f"{_RECENT_MIN:g} min; give at most that"
             )
-        return super().of_person(profile, limits, bolus=bolus, sample_time_min=sample_time_min)
+        return super().of_person(
+            profile, limits, bolus=bolus, sample_time_min=sample_time_min, allow_unusual=allow_unusual
+        )
 
     def settled(self) -> dict[str, Any]:
         """Basal rate, carbohydrate ratio and correction factor."""

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import KW_ONLY
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import ANNOUNCEMENTS, READINGS, TIME_OF_DAY, Need
+from glucoloop.component.pytree_component import DATA, STATIC, wired
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.setting import About
 from glucoloop.control.decision import (
@@ -28,7 +30,7 @@ from glucoloop.control.decision import (
     rate_at_start,
 )
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.horizon import or_suited, response_at_rest, suited
+from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.part import SensorLag
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import (
@@ -46,7 +48,6 @@ from glucoloop.estimation.unknown_meal import (
     MealEstimate,
     MealEstimator,
     MealHabits,
-    MovingHorizonSettings,
     Sensed,
 )
 from glucoloop.estimation.unknown_meal.disturbed import fading
@@ -102,18 +103,21 @@ class MealTuning(MPCTuning):
     used: ClassVar = frozenset({READINGS, ANNOUNCEMENTS})
 
     prediction_horizon: PredictionHorizon = 12
-    output_weight: OutputWeight = 1.0
-    move_weight: MoveWeight = 0.22
-    caution_weight: Annotated[float, About("Weight on low glucose if the meal ended at once.", at_least=0.0)] = 3.5
+    output_weight: Annotated[OutputWeight, DATA] = 1.0
+    move_weight: Annotated[MoveWeight, DATA] = 0.22
+    caution_weight: Annotated[float, About("Weight on low glucose if the meal ended at once.", at_least=0.0), DATA] = (
+        3.5
+    )
     caution_mg_dl: Annotated[
         float,
         About(
             "Distance below the setpoint at which that counts as low without noise, in mg/dl; less with noise.",
             at_least=0.0,
         ),
+        DATA,
     ] = 2.2
-    glucose_floor_mg_dl: FloorGlucose = 65.0
-    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+    glucose_floor_mg_dl: Annotated[FloorGlucose, DATA] = 65.0
+    floor_weight: Annotated[FloorWeight, DATA] = DEFAULT_FLOOR_WEIGHT
     anticipation: Annotated[
         float,
         About(
@@ -121,6 +125,7 @@ class MealTuning(MPCTuning):
             at_least=0.0,
             at_most=1.0,
         ),
+        DATA,
     ] = 0.0
     doubt: Annotated[
         float,
@@ -129,6 +134,7 @@ class MealTuning(MPCTuning):
             at_least=0.0,
             at_most=1.0,
         ),
+        DATA,
     ] = 1.0
     gut_doubt: Annotated[
         float,
@@ -137,17 +143,79 @@ class MealTuning(MPCTuning):
             at_least=0.0,
             below=1.0,
         ),
+        DATA,
     ] = 0.4
-    iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
+    iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10), STATIC] = 1
 
 
-class MealMPCSettings(MealTuning, name="meal-mpc"):
-    """Predictive control on the nonlinear patient that estimates meals nobody announced."""
+@pytree
+class _MealMPCState:
+    """State of the controller."""
+
+    estimator: Any
+    delivered_mU_min: jax.Array
+    """(dead time + 1,) rates of the last samples, the latest last."""
+    reported: jax.Array
+    """(dead time,) whether the pump reported the rates of the last samples, the latest last."""
+    announced_g: jax.Array
+    """(dead time,) announced carbohydrate of the last samples, the latest last."""
+    planned: jax.Array
+    """(m,) moves planned for the coming sample and those after it, along which the model is linearised."""
+    lasting_mg_min: jax.Array
+    """Unexplained appearance at steady state, such as a wrong basal rate leaves, from 0: it does not stop at once."""
+    to_come: MealsToCome | None = None
+    """Announced meals that are still to be eaten; None where observations tell no time of eating."""
+
+
+@pytree
+class _Ahead:
+    """State of a forecast."""
+
+    x: jax.Array
+    stomach: Stomach
+    announced: Announced
+    eating: jax.Array
+    disturbance: jax.Array
+    gut: Gut
+
+
+class MealMPC(MealTuning, name="meal-mpc"):
+    """Predictive control on the nonlinear patient that estimates meals nobody announced.
+
+    At each sample an estimator gives the state of the person, the probability that a meal is being served, and the
+    content of stomach and gut. From there the nonlinear model predicts glucose twice: its expected value, where a meal
+    under way ends with its usual probability, and its value if that meal ended at this moment, and with it the share
+    `doubt` of the glucose that no meal explains and a share of what is in stomach and gut. That share is `gut_doubt`
+    V / (V + 3), where V is the variance in (mg/dl)^2 of the readings' noise, which hides how fast they empty. The moves
+    solve::
+
+        min over du of  Gamma_y^2 |r - G|^2 + Gamma_u^2 |du|^2
+                        + w^2 (P (1 - P) + 0.1) |max(0, r - 5 c / (V + 5) - G_end)|^2
+                        + w_f^2 |max(0, floor - G_end)|^2
+
+    subject to the pump's rate and magnitude limits at every planned move; G and G_end are linearised along the plan.
+    An announced meal is served in both forecasts. A known dead time is bridged by predicting from the moment that the
+    reading speaks of, under the rates that were delivered since. A lasting error of the model is estimated as an
+    appearance of glucose and goes on in the forecast. What of it stays for hours at steady state is learned and no
+    longer doubted, so that no offset is left but what `anticipation` asks for, as long as the error is within what the
+    estimator believes: a basal rate that is far too small is taken for insulin that does not arrive.
+
+    ============  ===========================================================  ======
+    variable      meaning                                                      size
+    ============  ===========================================================  ======
+    ``G``         glucose expected at the samples ahead                        (p,)
+    ``G_end``     the same if what is uncertain of it ended now                (p,)
+    ``P``         probability that a meal nobody announced is being served     ()
+    ``du``        planned moves                                                (m,)
+    ============  ===========================================================  ======
+    """
 
     sources = ("lehmann1992", "diehl2005")
     uses_model: ClassVar = False
     individual: ClassVar = "glucoloop.build.individual:individual_meal_mpc"
     slow: ClassVar = True
+    heals: ClassVar[bool] = True
+    """Whether a step leaves a finite state after any state, so that a guard need not check it."""
     searched: ClassVar = (
         Tuned("move_weight", 0.02, 2.0, log=True),
         Tuned("caution_weight", 0.5, 50.0, log=True),
@@ -191,6 +259,24 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),
     ] = "record"
 
+    _: KW_ONLY
+    model: IndividualModel = wired(DATA, default=None)
+    meal_estimator: MealEstimator = wired(DATA, default=None)
+    """The estimator of meals, made for the model."""
+    expected: Expectation = wired(DATA, default=None)
+    """Expectation of the estimator about meals at steady state."""
+    ends: jax.Array = wired(DATA, default=None)
+    """Probability that a meal under way ends in a sample."""
+    R: jax.Array | float = wired(DATA, default=None)
+    """Variance of a reading that the forecasts assume."""
+    limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
+    moves: int = wired(STATIC, default=0)
+    """Number of planned moves."""
+    horizon: int = wired(STATIC, default=0)
+    """Number of predicted samples."""
+    dead_time_samples: int = wired(STATIC, default=0)
+    sample_time_min: float = wired(STATIC, default=5.0)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.needs_time_of_day:
@@ -202,8 +288,8 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
 
     @property
     def needs_time_of_day(self) -> bool:
-        """Whether the expected number of meals depends on the time of day."""
-        return bool(self.meals_by_time)
+        """Whether decisions depend on the time of day; without it meals are expected at the rate `meals_per_h`."""
+        return bool(self.meals_by_time) if self.meal_estimator is None else self.meal_estimator.daily is not None
 
     def habits(self) -> MealHabits:
         """Prior of meals; meals by the time of day that are no table are refused."""
@@ -212,83 +298,49 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
     def designed(self, case: DesignCase) -> MealMPC:
         """Meal-aware nonlinear MPC, on the equations of the patient."""
         case = case.behind_lag(self.sensor_lag_min)
-        return design_meal_mpc(
-            case.nonlinear(),
-            self,
-            case.limits,
-            habits=self.habits(),
-            estimator=self.estimator,
+        variance = self.measurement_variance or _measurement_variance(case.noise_variance, self.estimator)
+        return self.of_model(case.nonlinear(), case.limits, variance, dead_time_samples=case.dead_time_samples)
+
+    def of_model(
+        self,
+        model: FedModel,
+        limits: DoseLimits,
+        measurement_variance: float,
+        *,
+        habits: MealHabits | None = None,
+        dead_time_samples: int = 0,
+        min_horizon: int = 1,
+    ) -> MealMPC:
+        """The controller on a model, for readings of a variance; see `design_meal_mpc`.
+
+        A horizon of 0 becomes one that suits the model and is not shorter than `min_horizon`.
+        """
+        habits = self.habits() if habits is None else habits
+        if dead_time_samples < 0:
+            raise Refusal(
+                f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
+            )
+        tuning = suited(self, *response_at_rest(model), usual=min_horizon)
+        individual = individual_model(model, model.insulin_mU_min)
+        meal_estimator: MealEstimator = self.estimator.made(
+            model=individual,
+            habits=habits,
             disturbance_variance=self.disturbance_variance,
-            measurement_variance=self.measurement_variance
-            or _measurement_variance(case.noise_variance, self.estimator),
-            dead_time_samples=case.dead_time_samples,
+            measurement_variance=measurement_variance,
         )
-
-
-@pytree
-class _MealMPCState:
-    """State of the controller."""
-
-    estimator: Any
-    delivered_mU_min: jax.Array
-    """(dead time + 1,) rates of the last samples, the latest last."""
-    reported: jax.Array
-    """(dead time,) whether the pump reported the rates of the last samples, the latest last."""
-    announced_g: jax.Array
-    """(dead time,) announced carbohydrate of the last samples, the latest last."""
-    planned: jax.Array
-    """(m,) moves planned for the coming sample and those after it, along which the model is linearised."""
-    lasting_mg_min: jax.Array
-    """Unexplained appearance at steady state, such as a wrong basal rate leaves, from 0: it does not stop at once."""
-    to_come: MealsToCome | None = None
-    """Announced meals that are still to be eaten; None where observations tell no time of eating."""
-
-
-@pytree
-class _Ahead:
-    """State of a forecast."""
-
-    x: jax.Array
-    stomach: Stomach
-    announced: Announced
-    eating: jax.Array
-    disturbance: jax.Array
-    gut: Gut
-
-
-@pytree
-class MealMPC:
-    """Meal-aware nonlinear MPC; see `design_meal_mpc`."""
-
-    model: IndividualModel
-    estimator: MealEstimator
-    expected: Expectation
-    """Expectation of the estimator about meals at steady state."""
-    ends: jax.Array
-    """Probability that a meal under way ends in a sample."""
-    output_weight: jax.Array | float
-    move_weight: jax.Array | float
-    caution_weight: jax.Array | float
-    caution_mg_dl: jax.Array | float
-    glucose_floor_mg_dl: jax.Array | float
-    floor_weight: jax.Array | float
-    anticipation: jax.Array | float
-    doubt: jax.Array | float
-    measurement_variance: jax.Array | float
-    gut_doubt: jax.Array | float
-    limits: DoseLimits
-    move_horizon: int = static()
-    prediction_horizon: int = static()
-    iterations: int = static()
-    dead_time_samples: int = static()
-    sample_time_min: float = static()
-    heals: ClassVar[bool] = True
-    """Whether a step leaves a finite state after any state, so that a guard need not check it."""
-
-    @property
-    def needs_time_of_day(self) -> bool:
-        """Whether decisions depend on the time of day; without it meals are expected at the rate `meals_per_h`."""
-        return self.estimator.daily is not None
+        controller: MealMPC = tuning.made(
+            model=individual,
+            meal_estimator=meal_estimator,
+            expected=expectation(meal_estimator, individual),
+            ends=jnp.asarray(habits.ends(model.sample_time_min)),
+            R=measurement_variance,
+            limits=limits,
+            moves=tuning.move_horizon,
+            horizon=tuning.prediction_horizon,
+            dead_time_samples=dead_time_samples,
+            sample_time_min=model.sample_time_min,
+        )
+        return controller
 
     def with_basal(self, insulin_mU_min: jax.Array) -> MealMPC:
         """The same controller for a person with the given basal rate.
@@ -305,11 +357,11 @@ class MealMPC:
         """The same controller for another person: a basal rate, and gain and lag of insulin relative to the model's."""
         numbers = (jnp.asarray(number, float) for number in (insulin_mU_min, gain, lag))
         insulin, gain, lag = jnp.broadcast_arrays(*numbers)
-        return dataclasses.replace(self, model=individual_model(self.model.nominal, insulin, gain, lag))
+        return self.replaced(model=individual_model(self.model.nominal, insulin, gain, lag))
 
     def settled(self) -> dict[str, Any]:
         """Horizons, in samples; a known dead time is within them."""
-        return {"move_horizon": self.move_horizon, "prediction_horizon": self.prediction_horizon}
+        return {"move_horizon": self.moves, "prediction_horizon": self.horizon}
 
     def init(self, observation: Observation) -> _MealMPCState:
         """Steady state under the delivered rate; unexplained glucose counts as a disturbance."""
@@ -323,11 +375,11 @@ class MealMPC:
             announced_carbs_g=jnp.zeros_like(delivered),
         )
         return _MealMPCState(
-            estimator=self.estimator.init(self.model, sensed),
+            estimator=self.meal_estimator.init(self.model, sensed),
             delivered_mU_min=jnp.full(self.dead_time_samples + 1, delivered),
             reported=jnp.ones(self.dead_time_samples, bool),
             announced_g=jnp.zeros(self.dead_time_samples),
-            planned=jnp.zeros(self.move_horizon),
+            planned=jnp.zeros(self.moves),
             lasting_mg_min=jnp.zeros_like(delivered),
             to_come=no_meals_to_come(observation),
         )
@@ -355,7 +407,7 @@ class MealMPC:
             announced_carbs_g=announced[0],
             time_of_day_min=self._time_of_reading(observation),
         )
-        estimator_state, estimate = self.estimator.step(self.model, state.estimator, sensed)
+        estimator_state, estimate = self.meal_estimator.step(self.model, state.estimator, sensed)
         unexpected = self.expected.without(estimate, 1.0 - self.anticipation, sensed.time_of_day_min)
         now = self._to_this_sample(unexpected, rates[1:], announced[1:])
         lasting = self._learned(state.lasting_mg_min, estimate, observation.setpoint_mg_dl, known)
@@ -455,9 +507,9 @@ class MealMPC:
         delivered: jax.Array,
     ) -> tuple[jax.Array, jax.Array]:
         """Moves that improve the given ones, and whether they are the minimiser of the last quadratic program."""
-        m, p = self.move_horizon, self.prediction_horizon
+        m, p = self.moves, self.horizon
         uncertain = jnp.sqrt(estimate.eating * (1.0 - estimate.eating) + _LASTING_DOUBT)
-        variance = self.measurement_variance + estimate.noise_mg_dl**2
+        variance = self.R + estimate.noise_mg_dl**2
         low_mg_dl = setpoint - self.caution_mg_dl * _CAUTIOUS_VARIANCE / (variance + _CAUTIOUS_VARIANCE)
         weight = jnp.concatenate([jnp.full(p, self.caution_weight * uncertain), jnp.full(p, self.floor_weight)])
         least = jnp.concatenate([jnp.full(p, low_mg_dl), jnp.full(p, self.glucose_floor_mg_dl)])
@@ -506,38 +558,11 @@ def design_meal_mpc(
     *,
     habits: MealHabits | None = None,
     estimator: EstimatorComponent | None = None,
-    disturbance_variance: float = MealMPCSettings.disturbance_variance,
+    disturbance_variance: float = MealMPC.disturbance_variance,
     measurement_variance: float = 1.45,
     dead_time_samples: int = 0,
 ) -> MealMPC:
-    """Predictive control on a nonlinear model, with estimated and announced meals.
-
-    At each sample an estimator gives the state of the person, the probability that a meal is being served, and the
-    content of stomach and gut. From there the nonlinear model predicts glucose twice: its expected value, where a meal
-    under way ends with its usual probability, and its value if that meal ended at this moment, and with it the share
-    `doubt` of the glucose that no meal explains and a share of what is in stomach and gut. That share is `gut_doubt`
-    V / (V + 3), where V is the variance in (mg/dl)^2 of the readings' noise, which hides how fast they empty. The moves
-    solve::
-
-        min over du of  Gamma_y^2 |r - G|^2 + Gamma_u^2 |du|^2
-                        + w^2 (P (1 - P) + 0.1) |max(0, r - 5 c / (V + 5) - G_end)|^2
-                        + w_f^2 |max(0, floor - G_end)|^2
-
-    subject to the pump's rate and magnitude limits at every planned move; G and G_end are linearised along the plan.
-    An announced meal is served in both forecasts. A known dead time is bridged by predicting from the moment that the
-    reading speaks of, under the rates that were delivered since. A lasting error of the model is estimated as an
-    appearance of glucose and goes on in the forecast. What of it stays for hours at steady state is learned and no
-    longer doubted, so that no offset is left but what `anticipation` asks for, as long as the error is within what the
-    estimator believes: a basal rate that is far too small is taken for insulin that does not arrive.
-
-    ============  ===========================================================  ======
-    variable      meaning                                                      size
-    ============  ===========================================================  ======
-    ``G``         glucose expected at the samples ahead                        (p,)
-    ``G_end``     the same if what is uncertain of it ended now                (p,)
-    ``P``         probability that a meal nobody announced is being served     ()
-    ``du``        planned moves                                                (m,)
-    ============  ===========================================================  ======
+    """`MealMPC` on a nonlinear model, with estimated and announced meals.
 
     Parameters
     ----------
@@ -562,39 +587,18 @@ def design_meal_mpc(
     ValueError
         For a value outside its bounds, or a dead time that is negative.
     """
-    habits = MealHabits() if habits is None else habits
-    if dead_time_samples < 0:
-        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
-    tuning, usual = or_suited(tuning, MealTuning())
-    tuning = suited(tuning, *response_at_rest(model), usual=usual)
-    individual = individual_model(model, model.insulin_mU_min)
-    chosen: MealEstimator = (MovingHorizonSettings() if estimator is None else estimator).made(
-        model=individual,
-        habits=habits,
+    settings, min_horizon = MealMPC().tuned(
+        tuning,
+        estimator=MealMPC.estimator if estimator is None else estimator,
         disturbance_variance=disturbance_variance,
-        measurement_variance=measurement_variance,
     )
-    return MealMPC(
-        model=individual,
-        estimator=chosen,
-        expected=expectation(chosen, individual),
-        ends=jnp.asarray(habits.ends(model.sample_time_min)),
-        output_weight=tuning.output_weight,
-        move_weight=tuning.move_weight,
-        caution_weight=tuning.caution_weight,
-        caution_mg_dl=tuning.caution_mg_dl,
-        glucose_floor_mg_dl=tuning.glucose_floor_mg_dl,
-        floor_weight=tuning.floor_weight,
-        anticipation=tuning.anticipation,
-        doubt=tuning.doubt,
-        measurement_variance=measurement_variance,
-        gut_doubt=tuning.gut_doubt,
-        limits=limits,
-        move_horizon=tuning.move_horizon,
-        prediction_horizon=tuning.prediction_horizon,
-        iterations=tuning.iterations,
+    return settings.of_model(
+        model,
+        limits,
+        measurement_variance,
+        habits=MealHabits() if habits is None else habits,
         dead_time_samples=dead_time_samples,
-        sample_time_min=model.sample_time_min,
+        min_horizon=min_horizon,
     )
 
 

@@ -6,17 +6,17 @@ Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. V; N. L. Ri
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from glucoloop._lazy_jax import jax, jnp, np, npt
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
-from glucoloop.component.effects import ONLY_READINGS, Need
+from glucoloop.component.pytree_component import DATA, STATIC, wired
 from glucoloop.component.setting import About, default_by_noise
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.horizon import linear_response, or_suited, suited, unseen
+from glucoloop.control.horizon import linear_response, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import (
@@ -29,48 +29,12 @@ from glucoloop.control.tuning import (
     StateTuning,
 )
 from glucoloop.estimation.kalman import steady_state_gain
-from glucoloop.estimation.noise_level import NoisyFilters, SensorError, check_pace, no_error, noisy_filters, shares
+from glucoloop.estimation.noise_level import NoisyFilters, SensorError, no_error, noisy_filters, shares
 from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
 Matrix: TypeAlias = "npt.NDArray[np.float64]"
-
-_OFFSET_FREE: Final = ("held-innovation", "output-disturbance", "input-disturbance", "none")
-
-
-class MPCSESettings(FilterTuning, name="mpc-se"):
-    """Linear MPC with a Kalman filter on the linearised patient."""
-
-    sources = ("parker1999", "ricker1990")
-    uses_model: ClassVar = False
-    individual: ClassVar = "glucoloop.build.individual:mpc_se"
-    tunable: ClassVar = True
-    reference_filters: ClassVar = ".3:.8:.05"
-
-    prediction_horizon: PredictionHorizon = default_by_noise(default=7, noisy=8)
-    offset_free: Annotated[
-        Literal["held-innovation", "output-disturbance", "input-disturbance", "none"],
-        About("Way of removing a lasting error."),
-    ] = "held-innovation"
-    constraints: Constraints = "clip"
-    glucose_floor_mg_dl: FloorGlucose = 0.0
-    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
-
-    def designed(self, case: DesignCase) -> MPCSE:
-        """MPC with state estimation, on the patient linearised at the operating point."""
-        case = case.behind_lag(self.sensor_lag_min)
-        return design_mpc_se(
-            case.linearised(),
-            case.process_noise(*self.process_noise),
-            self,
-            case.limits,
-            measurement_variance=self.measurement_variance,
-            offset_free=self.offset_free,
-            dead_time_samples=case.dead_time_samples,
-            noise_pace=self.noise_pace,
-            **self.moves,
-        )
 
 
 @pytree
@@ -94,37 +58,202 @@ class _NoiseLearning:
     """(levels, p) free response to the innovation under the gain of each filter, if it is held."""
 
 
-@pytree
-class MPCSE:
-    """MPC with state estimation; see `design_mpc_se`."""
+@dataclass(frozen=True)
+class FilteredModels:
+    """Models of many people with the gains of their filters, people trailing."""
 
-    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
+    Phi: Matrix
+    """(n, n, people) transition matrices."""
+    Gamma: Matrix
+    """(n, people) effects of insulin."""
+    C: Matrix
+    """(n, people) output rows."""
+    kalman_gain: Matrix
+    """(n, people) Kalman gains in filter form."""
+    rest: Matrix
+    """(n, people) steady state per unit of insulin."""
 
-    Phi: jax.Array
-    Gamma: jax.Array
-    C: jax.Array
-    kalman_gain: jax.Array
-    """(n,) steady Kalman gain in filter form."""
-    rest: jax.Array
-    """(n,) steady state per unit of insulin."""
-    free_state: jax.Array
-    """(p, n) free response to the estimate, ``C Phi^i``."""
-    free_input: jax.Array
-    """(p,) free response to the rate in force."""
-    free_innovation: jax.Array
-    """(p,) free response to the innovation, if it is held."""
-    reference: jax.Array
-    """(p,) factors ``phi_r^(i-s)`` of the reference."""
-    plan: MovePlan
-    basal_mU_min: jax.Array
-    basal_glucose_mg_dl: jax.Array
-    C_reading: jax.Array | None = None
-    """(n,) output row of the sensor, or None where it reads glucose."""
-    learning: _NoiseLearning | None = None
-    """Filters by the size of a correlated error of the sensor, which is learned; None for noise as it is told."""
-    sample_time_min: float = static()
+
+class MPCSE(FilterTuning, name="mpc-se"):
+    """Linear MPC with a Kalman filter on the linearised patient.
+
+    The estimate is corrected by ``z += K e`` with the innovation ``e = y - C z``. The free response goes on from it,
+    ``w_i = Phi w_(i-1) + Gamma u_(k-1) + K e``, the innovation being held over the horizon, and the moves minimise::
+
+        Gamma_y^2 sum_i (r_i - C w_i - (A du)_i)^2 + Gamma_u^2 |du|^2,    r_i = phi_r^(i-s) C z
+
+    in deviations from the operating point.
+
+    ============  ==========================================  ========
+    variable      meaning                                     size
+    ============  ==========================================  ========
+    ``z``         estimated state                             (n,)
+    ``K``         Kalman gain, filter form                    (n,)
+    ``A``         dynamic matrix of the model                 (p, m)
+    ``r``         filtered reference                          (p,)
+    ============  ==========================================  ========
+
+    A lasting error is removed in one of these ways. ``"held-innovation"``: the correction K e is repeated at each
+    sample ahead, the reading of the paper that its numbers need. It brings the estimate C z to the setpoint, so that of
+    a lasting disturbance the part ``(1 - C K) e`` of the innovation is left: little where readings are trusted.
+    ``"output-disturbance"`` and ``"input-disturbance"``: an integrating state is estimated beside the others, on the
+    output or as unmeasured insulin, and nothing is left. ``"none"``: the plain prediction.
+    """
+
+    sources = ("parker1999", "ricker1990")
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.build.individual:mpc_se"
+    tunable: ClassVar = True
+    reference_filters: ClassVar = ".3:.8:.05"
     heals: ClassVar[bool] = True
     """Whether a step leaves a finite state after any state, so that a guard need not check it."""
+
+    prediction_horizon: PredictionHorizon = default_by_noise(default=7, noisy=8)
+    offset_free: Annotated[
+        Literal["held-innovation", "output-disturbance", "input-disturbance", "none"],
+        About("Way of removing a lasting error."),
+    ] = "held-innovation"
+    constraints: Constraints = "clip"
+    glucose_floor_mg_dl: FloorGlucose = 0.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+    _: KW_ONLY
+    Phi: jax.Array = wired(DATA, default=None)
+    Gamma: jax.Array = wired(DATA, default=None)
+    C: jax.Array = wired(DATA, default=None)
+    kalman_gain: jax.Array = wired(DATA, default=None)
+    """(n,) steady Kalman gain in filter form."""
+    rest: jax.Array = wired(DATA, default=None)
+    """(n,) steady state per unit of insulin."""
+    free_state: jax.Array = wired(DATA, default=None)
+    """(p, n) free response to the estimate, ``C Phi^i``."""
+    free_input: jax.Array = wired(DATA, default=None)
+    """(p,) free response to the rate in force."""
+    free_innovation: jax.Array = wired(DATA, default=None)
+    """(p,) free response to the innovation, if it is held."""
+    reference: jax.Array = wired(DATA, default=None)
+    """(p,) factors ``phi_r^(i-s)`` of the reference."""
+    plan: MovePlan = wired(DATA, default=None)
+    basal_mU_min: jax.Array = wired(DATA, default=None)
+    basal_glucose_mg_dl: jax.Array = wired(DATA, default=None)
+    C_reading: jax.Array | None = wired(DATA, default=None)
+    """(n,) output row of the sensor, or None where it reads glucose."""
+    learning: _NoiseLearning | None = wired(DATA, default=None)
+    """Filters by the size of a correlated error of the sensor, which is learned; None for noise as it is told."""
+    sample_time_min: float = wired(STATIC, default=5.0)
+
+    def designed(self, case: DesignCase) -> MPCSE:
+        """MPC with state estimation, on the patient linearised at the operating point."""
+        case = case.behind_lag(self.sensor_lag_min)
+        noise = case.process_noise(*self.noise_variances)
+        return self.of_model(case.linearised(), noise, case.limits, dead_time_samples=case.dead_time_samples)
+
+    def of_model(
+        self,
+        model: LinearModel,
+        process_noise: jax.typing.ArrayLike,
+        limits: DoseLimits,
+        *,
+        dead_time_samples: int = 0,
+        disturbance_variance: float = 1.0,
+        min_horizon: int = 1,
+    ) -> MPCSE:
+        """The controller on a model; see `design_mpc_se`.
+
+        A horizon of 0 becomes one that suits the model and is not shorter than `min_horizon`.
+        """
+        if dead_time_samples < 0:
+            raise Refusal(
+                f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
+            )
+        Q = np.asarray(process_noise, float)
+        Q = np.diag(Q) if Q.ndim == 1 else Q
+        parts = (model.Phi, model.Gamma, model.C, model.reading_row)
+        Phi, Gamma, C, C_reading = (np.asarray(part, float) for part in parts)
+        n = Gamma.size
+        rest = np.linalg.solve(np.eye(n) - Phi, Gamma)
+        if self.offset_free.endswith("disturbance"):
+            Phi, Gamma, (C, C_reading), Q = _with_disturbance(
+                Phi, Gamma, (C, C_reading), Q, self.offset_free, disturbance_variance
+            )
+            rest = np.append(rest, 0.0)
+        K = np.asarray(steady_state_gain(Phi, C_reading, Q, self.measurement_variance).gain)
+        tuning = suited(self, *linear_response(model), usual=min_horizon)
+
+        Phi, Gamma, C, K, rest = (part[..., None] for part in (Phi, Gamma, C, K, rest))
+        one = tuning.of_people(
+            FilteredModels(Phi=Phi, Gamma=Gamma, C=C, kalman_gain=K, rest=rest),
+            limits,
+            basal_mU_min=model.insulin_mU_min,
+            basal_glucose_mg_dl=model.glucose_mg_dl,
+            sample_time_min=model.sample_time_min,
+            dead_time_samples=dead_time_samples,
+        )
+        tuned = tuning.longer(dead_time_samples)
+        varying = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
+        S = np.append(np.zeros(dead_time_samples), one.free_input[..., 0])
+        plan = plan_moves(S, tuned, limits, self.constraints, one.plan.floor)
+        learning = None
+        if self.noise_pace > 0.0:
+            filters = noisy_filters(Phi[..., 0], C_reading, Q, self.measurement_variance, pace=self.noise_pace)
+            free_response = np.zeros((len(filters.gain), tuned.prediction_horizon))
+            if self.offset_free == "held-innovation":
+                # C Phi^i of i = 0 .. p - 1; the free response to the estimate begins with i = 1
+                ahead = np.concatenate([C.T, np.asarray(one.free_state)[:-1, :, 0]])
+                free_response = np.cumsum(np.asarray(filters.gain)[:, :-1] @ ahead.T, axis=1)
+            learning = _NoiseLearning(filters=filters, free_innovation=jnp.asarray(free_response))
+        return one.replaced(
+            plan=plan,
+            C_reading=None if model.C_reading is None else jnp.asarray(C_reading),
+            learning=learning,
+            **{name: getattr(one, name)[..., 0] for name in varying},
+        )
+
+    def of_people(
+        self,
+        models: FilteredModels,
+        limits: DoseLimits,
+        *,
+        basal_mU_min: jax.Array,
+        basal_glucose_mg_dl: jax.Array,
+        sample_time_min: float,
+        dead_time_samples: int = 0,
+    ) -> MPCSE:
+        """Controllers of many people, who trail, from their models and Kalman gains.
+
+        The rate of a person whose model at the horizon shows less than `horizon.MIN_SHARE` of its gain is kept.
+        """
+        floor = glucose_floor(self.glucose_floor_mg_dl, self.floor_weight)
+        seen_samples = self.prediction_horizon
+        tuning = self.longer(dead_time_samples)
+        Phi, Gamma, kalman_gain = models.Phi, models.Gamma, models.kalman_gain
+        rows = [models.C]
+        for _ in range(tuning.prediction_horizon):
+            rows.append(np.einsum("i...,ij...->j...", rows[-1], Phi))
+        C_Phi = np.stack(rows)  # C Phi^i, i = 0 .. p
+        free_input = np.cumsum(np.einsum("pi...,i...->p...", C_Phi[:-1], Gamma), axis=0)
+        free_innovation = np.cumsum(np.einsum("pi...,i...->p...", C_Phi[:-1], kalman_gain), axis=0)
+        hidden = unseen(free_input, np.einsum("i...,i...->...", models.C, models.rest), seen_samples)
+        late = np.zeros((dead_time_samples, *free_input.shape[1:]))
+        controller: MPCSE = tuning.made(
+            Phi=jnp.asarray(Phi),
+            Gamma=jnp.asarray(Gamma),
+            C=jnp.asarray(models.C),
+            kalman_gain=jnp.asarray(kalman_gain),
+            rest=jnp.asarray(models.rest),
+            free_state=jnp.asarray(C_Phi[1:]),
+            free_input=jnp.asarray(free_input),
+            free_innovation=jnp.asarray(
+                free_innovation if self.offset_free == "held-innovation" else np.zeros_like(free_input)
+            ),
+            reference=jnp.asarray(tuning.reference_factors()),
+            plan=plans_of_people(
+                np.concatenate([late, free_input]), tuning, limits, self.constraints, floor, hidden=hidden
+            ),
+            basal_mU_min=basal_mU_min,
+            basal_glucose_mg_dl=basal_glucose_mg_dl,
+            sample_time_min=sample_time_min,
+        )
+        return controller
 
     @property
     def horizons(self) -> tuple[int, int]:
@@ -138,8 +267,7 @@ class MPCSE:
     def padded(self, moves: int, horizon: int) -> MPCSE:
         """The same controller with room for more moves and more samples, none of which has any weight."""
         more_samples = horizon - self.horizons[1]
-        return dataclasses.replace(
-            self,
+        return self.replaced(
             free_state=jnp.pad(self.free_state, ((0, more_samples), (0, 0))),
             free_input=jnp.pad(self.free_input, (0, more_samples)),
             free_innovation=jnp.pad(self.free_innovation, (0, more_samples)),
@@ -153,7 +281,7 @@ class MPCSE:
 
     def with_basal(self, insulin_mU_min: jax.Array) -> MPCSE:
         """The same controller for a person with the given basal rate, from which deviations are taken."""
-        return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
+        return self.replaced(basal_mU_min=insulin_mU_min)
 
     def init(self, observation: Observation) -> _MPCSEState:
         """State of a controller at steady state under the delivered rate."""
@@ -236,32 +364,16 @@ def design_mpc_se(
     tuning: StateTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    measurement_variance: float = MPCSESettings.measurement_variance,
-    offset_free: str = MPCSESettings.offset_free,
+    measurement_variance: float = MPCSE.measurement_variance,
+    offset_free: str = MPCSE.offset_free,
     disturbance_variance: float = 1.0,
     dead_time_samples: int = 0,
-    constraints: str = MPCSESettings.constraints,
-    glucose_floor_mg_dl: float = MPCSESettings.glucose_floor_mg_dl,
-    floor_weight: float = MPCSESettings.floor_weight,
-    noise_pace: float = MPCSESettings.noise_pace,
+    constraints: str = MPCSE.constraints,
+    glucose_floor_mg_dl: float = MPCSE.glucose_floor_mg_dl,
+    floor_weight: float = MPCSE.floor_weight,
+    noise_pace: float = MPCSE.noise_pace,
 ) -> MPCSE:
-    """Linear MPC on a state-space model, with a steady Kalman filter and a reference filter.
-
-    The estimate is corrected by ``z += K e`` with the innovation ``e = y - C z``. The free response goes on from it,
-    ``w_i = Phi w_(i-1) + Gamma u_(k-1) + K e``, the innovation being held over the horizon, and the moves minimise::
-
-        Gamma_y^2 sum_i (r_i - C w_i - (A du)_i)^2 + Gamma_u^2 |du|^2,    r_i = phi_r^(i-s) C z
-
-    in deviations from the operating point.
-
-    ============  ==========================================  ========
-    variable      meaning                                     size
-    ============  ==========================================  ========
-    ``z``         estimated state                             (n,)
-    ``K``         Kalman gain, filter form                    (n,)
-    ``A``         dynamic matrix of the model                 (p, m)
-    ``r``         filtered reference                          (p,)
-    ============  ==========================================  ========
+    """`MPCSE` on a state-space model, with a steady Kalman filter and a reference filter.
 
     Parameters
     ----------
@@ -278,11 +390,7 @@ def design_mpc_se(
     measurement_variance : float
         R, (mg/dl)^2.
     offset_free : {"held-innovation", "output-disturbance", "input-disturbance", "none"}
-        Way of removing a lasting error. ``"held-innovation"``: the correction K e is repeated at each sample ahead, the
-        reading of the paper that its numbers need. It brings the estimate C z to the setpoint, so that of a lasting
-        disturbance the part ``(1 - C K) e`` of the innovation is left: little where readings are trusted.
-        ``"output-disturbance"`` and ``"input-disturbance"``: an integrating state is estimated beside the others, on
-        the output or as unmeasured insulin, and nothing is left. ``"none"``: the plain prediction.
+        Way of removing a lasting error.
     disturbance_variance : float
         Process noise of that integrating state, (mg/dl)^2 or (mU/min)^2 per sample.
     dead_time_samples : int
@@ -314,121 +422,20 @@ def design_mpc_se(
     >>> round(float(controller.kalman_gain[0]), 4)
     0.5276
     """
-    if offset_free not in _OFFSET_FREE:
-        raise Refusal(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(_OFFSET_FREE)}")
-    if dead_time_samples < 0:
-        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
-    Q = np.asarray(process_noise, float)
-    Q = np.diag(Q) if Q.ndim == 1 else Q
-    parts = (model.Phi, model.Gamma, model.C, model.reading_row)
-    Phi, Gamma, C, C_reading = (np.asarray(part, float) for part in parts)
-    n = Gamma.size
-    rest = np.linalg.solve(np.eye(n) - Phi, Gamma)
-    if offset_free.endswith("disturbance"):
-        Phi, Gamma, (C, C_reading), Q = _with_disturbance(
-            Phi, Gamma, (C, C_reading), Q, offset_free, disturbance_variance
-        )
-        rest = np.append(rest, 0.0)
-    K = np.asarray(steady_state_gain(Phi, C_reading, Q, measurement_variance).gain)
-    tuning, usual = or_suited(tuning, MPCSESettings())
-    tuning = suited(tuning, *linear_response(model), usual=usual)
-
-    Phi, Gamma, C, K, rest = (part[..., None] for part in (Phi, Gamma, C, K, rest))
-    one = mpc_se_of_people(
-        FilteredModels(Phi=Phi, Gamma=Gamma, C=C, kalman_gain=K, rest=rest),
+    settings, min_horizon = MPCSE().tuned(
         tuning,
-        limits,
-        basal_mU_min=model.insulin_mU_min,
-        basal_glucose_mg_dl=model.glucose_mg_dl,
-        sample_time_min=model.sample_time_min,
-        hold_innovation=offset_free == "held-innovation",
-        dead_time_samples=dead_time_samples,
+        measurement_variance=measurement_variance,
+        offset_free=offset_free,
         constraints=constraints,
         glucose_floor_mg_dl=glucose_floor_mg_dl,
         floor_weight=floor_weight,
+        noise_pace=noise_pace,
     )
-    tuned = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
-    varying = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
-    S = np.append(np.zeros(dead_time_samples), one.free_input[..., 0])
-    plan = plan_moves(S, tuned, limits, constraints, one.plan.floor)
-    check_pace(noise_pace)
-    learning = None
-    if noise_pace > 0.0:
-        filters = noisy_filters(Phi[..., 0], C_reading, Q, measurement_variance, pace=noise_pace)
-        free_response = np.zeros((len(filters.gain), tuned.prediction_horizon))
-        if offset_free == "held-innovation":
-            # C Phi^i of i = 0 .. p - 1; the free response to the estimate begins with i = 1
-            ahead = np.concatenate([C.T, np.asarray(one.free_state)[:-1, :, 0]])
-            free_response = np.cumsum(np.asarray(filters.gain)[:, :-1] @ ahead.T, axis=1)
-        learning = _NoiseLearning(filters=filters, free_innovation=jnp.asarray(free_response))
-    return dataclasses.replace(
-        one,
-        plan=plan,
-        C_reading=None if model.C_reading is None else jnp.asarray(C_reading),
-        learning=learning,
-        **{name: getattr(one, name)[..., 0] for name in varying},
-    )
-
-
-@dataclass(frozen=True)
-class FilteredModels:
-    """Models of many people with the gains of their filters, people trailing."""
-
-    Phi: Matrix
-    """(n, n, people) transition matrices."""
-    Gamma: Matrix
-    """(n, people) effects of insulin."""
-    C: Matrix
-    """(n, people) output rows."""
-    kalman_gain: Matrix
-    """(n, people) Kalman gains in filter form."""
-    rest: Matrix
-    """(n, people) steady state per unit of insulin."""
-
-
-def mpc_se_of_people(
-    models: FilteredModels,
-    tuning: StateTuning,
-    limits: DoseLimits,
-    *,
-    basal_mU_min: jax.Array,
-    basal_glucose_mg_dl: jax.Array,
-    sample_time_min: float,
-    hold_innovation: bool = True,
-    dead_time_samples: int = 0,
-    constraints: str = MPCSESettings.constraints,
-    glucose_floor_mg_dl: float = MPCSESettings.glucose_floor_mg_dl,
-    floor_weight: float = MPCSESettings.floor_weight,
-) -> MPCSE:
-    """Controllers of many people, who trail, from their models and Kalman gains.
-
-    Other arguments are those of `design_mpc_se`. The rate of a person whose model at the horizon shows less than
-    `horizon.MIN_SHARE` of its gain is kept.
-    """
-    floor = glucose_floor(glucose_floor_mg_dl, floor_weight)
-    seen_samples = tuning.prediction_horizon
-    tuning = dataclasses.replace(tuning, prediction_horizon=seen_samples + dead_time_samples)
-    Phi, Gamma, kalman_gain = models.Phi, models.Gamma, models.kalman_gain
-    rows = [models.C]
-    for _ in range(tuning.prediction_horizon):
-        rows.append(np.einsum("i...,ij...->j...", rows[-1], Phi))
-    C_Phi = np.stack(rows)  # C Phi^i, i = 0 .. p
-    free_input = np.cumsum(np.einsum("pi...,i...->p...", C_Phi[:-1], Gamma), axis=0)
-    free_innovation = np.cumsum(np.einsum("pi...,i...->p...", C_Phi[:-1], kalman_gain), axis=0)
-    hidden = unseen(free_input, np.einsum("i...,i...->...", models.C, models.rest), seen_samples)
-    late = np.zeros((dead_time_samples, *free_input.shape[1:]))
-    return MPCSE(
-        Phi=jnp.asarray(Phi),
-        Gamma=jnp.asarray(Gamma),
-        C=jnp.asarray(models.C),
-        kalman_gain=jnp.asarray(kalman_gain),
-        rest=jnp.asarray(models.rest),
-        free_state=jnp.asarray(C_Phi[1:]),
-        free_input=jnp.asarray(free_input),
-        free_innovation=jnp.asarray(free_innovation if hold_innovation else np.zeros_like(free_input)),
-        reference=jnp.asarray(tuning.reference()),
-        plan=plans_of_people(np.concatenate([late, free_input]), tuning, limits, constraints, floor, hidden=hidden),
-        basal_mU_min=basal_mU_min,
-        basal_glucose_mg_dl=basal_glucose_mg_dl,
-        sample_time_min=sample_time_min,
+    return settings.of_model(
+        model,
+        process_noise,
+        limits,
+        dead_time_samples=dead_time_samples,
+        disturbance_variance=disturbance_variance,
+        min_horizon=min_horizon,
     )

@@ -12,6 +12,7 @@ from dataclasses import KW_ONLY
 from typing import Annotated, Any, ClassVar, Self
 
 from glucoloop._lazy_jax import jax, jnp
+from glucoloop.arguments import is_traced
 from glucoloop.component.effects import (
     AHEAD,
     ANNOUNCEMENTS,
@@ -33,7 +34,15 @@ from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, Bol
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.delay import LONGEST_LAG_MIN
 from glucoloop.therapy import Profile
-from glucoloop.unit_guess import ANY_SETTING, CARB_RATIO, CORRECTION, FITTED_STEP, LAG
+from glucoloop.unit_guess import (
+    ANY_SETTING,
+    CARB_RATIO,
+    CORRECTION,
+    FITTED_STEP,
+    INSULIN_RATE,
+    LAG,
+    refuse_unusual,
+)
 
 _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
 
@@ -170,6 +179,7 @@ class OfPerson(ByProfile):
         *,
         bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
         sample_time_min: float = 5.0,
+        allow_unusual: bool = False,
     ) -> Self:
         """The controller for a person and a pump.
 
@@ -180,21 +190,41 @@ class OfPerson(ByProfile):
         limits : DoseLimits
             Limits of the basal rate.
         bolus : BolusLimits
-            Limits of the pump; no larger bolus is asked for.
+            Limits of the pump; no larger bolus is requested.
+        allow_unusual : bool
+            Whether a basal rate or a setting is accepted that looks like another unit.
 
         Raises
         ------
         ValueError
-            For a basal rate outside the limits, or a sample time that is not possible.
+            For a basal rate outside the limits, a sample time that is not possible, or an implausible value.
         """
         check_sample_time(sample_time_min)
         check_rate("basal", profile.basal_mU_min, limits)
+        if not allow_unusual:
+            self._refuse_unusual(profile.basal_mU_min)
         controller: Self = self.made(profile=profile, limits=limits, bolus=bolus, sample_time_min=sample_time_min)
         return controller
 
     def designed(self, case: DesignCase) -> Self:
         """The controller for the person of a case."""
-        return self.of_person(case.profile, case.limits, bolus=case.bolus, sample_time_min=case.sample_time_min)
+        return self.of_person(
+            case.profile,
+            case.limits,
+            bolus=case.bolus,
+            sample_time_min=case.sample_time_min,
+            allow_unusual=True,  # which is asked about where the settings are read
+        )
+
+    def _refuse_unusual(self, basal_mU_min: Any) -> None:
+        amounts = {"basal_mU_min": (basal_mU_min, INSULIN_RATE)}
+        for name, value in self.explicit.items():
+            quantity = self.setting(name).about.quantity
+            if quantity is not None and value:
+                amounts[name] = (value, quantity)
+        for name, (value, quantity) in amounts.items():
+            if not is_traced(value):
+                refuse_unusual(float(value), quantity, name)
 
     def with_profile(self, profile: Profile) -> Self:
         """The same controller for a person with the given profile; settings that were given stay as they are."""

@@ -8,13 +8,14 @@ Dev. 25(1), 1986.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
-from glucoloop.component.effects import ONLY_READINGS, Need
+from glucoloop.component.effects import ONLY_READINGS
+from glucoloop.component.pytree_component import DATA, HOST, STATIC, wired
 from glucoloop.component.setting import About
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase, check_gain, check_number, check_sample_time
@@ -23,37 +24,6 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import PID_GAIN
-
-
-class PIDSettings(ControllerComponent, name="pid"):
-    """PID whose integral never winds up, tuned on a first-order model with dead time."""
-
-    sources = ("rivera1986", "astrom1989")
-    used: ClassVar = ONLY_READINGS
-    uses_model: ClassVar = False
-
-    closed_loop_min: Annotated[float, About("Desired time constant of the loop, in minutes.", above=0.0)] = 30.0
-    gain: Annotated[
-        float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0, quantity=PID_GAIN)
-    ] = 0.0
-    integral_time_min: Annotated[float, About("Integral time T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
-    derivative_time_min: Annotated[
-        float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)
-    ] = -1.0
-    step_mU_min: FittedStep = 0.0
-
-    def designed(self, case: DesignCase) -> PID:
-        """PID; what is not given comes from a first-order model of the patient, a known dead time included."""
-        model = case.first_order(self.step_mU_min or None)
-        delay_min = float(model.delay_min) + case.dead_time_samples * case.sample_time_min
-        fitted = internal_model_tuning(float(model.gain), float(model.tau_min), delay_min, self.closed_loop_min)
-        derivative_time_min = self.derivative_time_min
-        tuning = PIDTuning(
-            gain_mU_min_per_mg_dl=self.gain or fitted.gain_mU_min_per_mg_dl,
-            integral_time_min=self.integral_time_min or fitted.integral_time_min,
-            derivative_time_min=fitted.derivative_time_min if derivative_time_min == -1.0 else derivative_time_min,
-        )
-        return design_pid(tuning, case.limits, sample_time_min=case.sample_time_min)
 
 
 @checked
@@ -138,19 +108,78 @@ class _PIDState:
     """Rate in force."""
 
 
-@pytree
-class PID:
-    """PID controller; see `design_pid`."""
+class PID(ControllerComponent, name="pid"):
+    """PID whose integral never winds up, tuned on a first-order model with dead time.
 
-    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
+    With the error ``e = y - r`` the rate is::
 
-    proportional: jax.Array | float
-    integral: jax.Array | float
-    derivative: jax.Array | float
-    limits: DoseLimits
-    sample_time_min: float = static()
+        K_c e_k + I_k + K_c (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_c (T / T_I) e_k
+
+    The integral part ``I`` begins with the rate in force. Beyond the maximum rate of the pump it starts again from that
+    rate, so that it never winds up. Below the minimum rate, and where a guard or the limit of change cuts a dose, it
+    waits: it goes no further that way until the cut ends, and forgets nothing.
+
+    ============  =========================  =============================================
+    variable      meaning                    setting
+    ============  =========================  =============================================
+    ``K_c``       gain                       ``gain``
+    ``T_I, T_D``  integral, derivative time  ``integral_time_min``, ``derivative_time_min``
+    ``T``         sample time
+    ============  =========================  =============================================
+    """
+
+    sources = ("rivera1986", "astrom1989")
+    used: ClassVar = ONLY_READINGS
+    uses_model: ClassVar = False
+    role_of_settings: ClassVar = HOST
     memory_bound: ClassVar[float] = 1e4
     """Bound on its memory for a guard: glucose is below 1000 mg/dl, and rates below 10 000 mU/min (600 U/h)."""
+
+    closed_loop_min: Annotated[float, About("Desired time constant of the loop, in minutes.", above=0.0)] = 30.0
+    gain: Annotated[
+        float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0, quantity=PID_GAIN)
+    ] = 0.0
+    integral_time_min: Annotated[float, About("Integral time T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
+    derivative_time_min: Annotated[
+        float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)
+    ] = -1.0
+    step_mU_min: FittedStep = 0.0
+    _: KW_ONLY
+    proportional: jax.Array | float = wired(DATA, default=None)
+    integral: jax.Array | float = wired(DATA, default=None)
+    derivative: jax.Array | float = wired(DATA, default=None)
+    limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
+    sample_time_min: float = wired(STATIC, default=5.0)
+
+    def designed(self, case: DesignCase) -> PID:
+        """PID; what is not given comes from a first-order model of the patient, a known dead time included."""
+        model = case.first_order(self.step_mU_min or None)
+        delay_min = float(model.delay_min) + case.dead_time_samples * case.sample_time_min
+        fitted = internal_model_tuning(float(model.gain), float(model.tau_min), delay_min, self.closed_loop_min)
+        derivative_time_min = self.derivative_time_min
+        tuning = PIDTuning(
+            gain_mU_min_per_mg_dl=self.gain or fitted.gain_mU_min_per_mg_dl,
+            integral_time_min=self.integral_time_min or fitted.integral_time_min,
+            derivative_time_min=fitted.derivative_time_min if derivative_time_min == -1.0 else derivative_time_min,
+        )
+        return self.tuned(tuning, case.limits, sample_time_min=case.sample_time_min)
+
+    def tuned(self, tuning: PIDTuning, limits: DoseLimits, *, sample_time_min: float) -> PID:
+        """The controller with the parameters of a tuning, for a pump and a sample time."""
+        check_sample_time(sample_time_min)
+        same = self.replaced(
+            gain=tuning.gain_mU_min_per_mg_dl,
+            integral_time_min=tuning.integral_time_min,
+            derivative_time_min=tuning.derivative_time_min,
+        )
+        controller: PID = same.made(
+            proportional=tuning.gain_mU_min_per_mg_dl,
+            integral=tuning.gain_mU_min_per_mg_dl * sample_time_min / tuning.integral_time_min,
+            derivative=tuning.gain_mU_min_per_mg_dl * tuning.derivative_time_min / sample_time_min,
+            limits=limits,
+            sample_time_min=sample_time_min,
+        )
+        return controller
 
     def settled(self) -> dict[str, Any]:
         """Gain in mU/min per mg/dl, and times."""
@@ -205,23 +234,7 @@ class PID:
 
 @checked
 def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sample_time_min: float = 5.0) -> PID:
-    """PID controller with the derivative on the reading, and an integral that never winds up.
-
-    With the error ``e = y - r`` the rate is::
-
-        K_c e_k + I_k + K_c (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_c (T / T_I) e_k
-
-    The integral part ``I`` begins with the rate in force. Beyond the maximum rate of the pump it starts again from that
-    rate, so that it never winds up. Below the minimum rate, and where a guard or the limit of change cuts a dose, it
-    waits: it goes no further that way until the cut ends, and forgets nothing.
-
-    ============  =========================  ====
-    variable      meaning                    size
-    ============  =========================  ====
-    ``K_c``       gain                       1
-    ``T_I, T_D``  integral, derivative time  1
-    ``T``         sample time                1
-    ============  =========================  ====
+    """`PID` with given parameters, for a pump and a sample time.
 
     Parameters
     ----------
@@ -242,11 +255,4 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
     >>> round(float(controller.proportional), 3)
     0.817
     """
-    check_sample_time(sample_time_min)
-    return PID(
-        proportional=tuning.gain_mU_min_per_mg_dl,
-        integral=tuning.gain_mU_min_per_mg_dl * sample_time_min / tuning.integral_time_min,
-        derivative=tuning.gain_mU_min_per_mg_dl * tuning.derivative_time_min / sample_time_min,
-        limits=limits,
-        sample_time_min=sample_time_min,
-    )
+    return PID().tuned(tuning, limits, sample_time_min=sample_time_min)

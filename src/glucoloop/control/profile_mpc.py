@@ -11,11 +11,12 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from dataclasses import KW_ONLY
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp, np
-from glucoloop._pytree import pytree, static
-from glucoloop.component.effects import DOSES_BY_PROFILE, Need
+from glucoloop._pytree import pytree
+from glucoloop.component.pytree_component import DATA, HOST, STATIC, wired
 from glucoloop.component.setting import About
 from glucoloop.control.decision import (
     MealsToCome,
@@ -35,7 +36,7 @@ from glucoloop.estimation.noise_level import CORRELATION
 from glucoloop.models.nonlinear import NonlinearModel
 from glucoloop.models.profiled import GutCompartments, ProfiledModel, Step, profiled_model
 from glucoloop.models.state_space import LinearModel
-from glucoloop.pumps.limits import BolusLimits, DoseLimits
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.qp.bounded_rates import OneSided, minimise_rates
 from glucoloop.therapy import Profile
 from glucoloop.unit_guess import GLUCOSE_BOUND
@@ -53,11 +54,73 @@ _MIN_VARIANCE: Final = 0.25
 """(mg/dl)^2 that the filter expects of readings without noise."""
 
 
-class ProfileMPCSettings(ByProfile, name="profile-mpc"):
-    """Predictive control by the profile of a person, with boluses for announced meals; for subcutaneous insulin."""
+@pytree
+class _ProfileMPCState:
+    """State of the controller."""
+
+    estimate: FedEstimate
+    plan_mU_min: jax.Array
+    """(m,) rates of the last plan, block by block."""
+    requested_mU_min: jax.Array
+    """Rate that was asked for at the last sample, used where the pump reports nothing."""
+    requested_bolus_mU: jax.Array
+    """Bolus that was asked for at the last sample, used likewise."""
+    to_come: MealsToCome | None = None
+    """Announced meals that are still to be eaten; None where observations tell no time of eating."""
+
+
+@pytree
+class _ForecastSteps:
+    """Steps of a forecast over the blocks of a plan."""
+
+    step: Step
+    """Matrices of the steps ``(p, ...)``."""
+    of_block: Any
+    """(p, m) 1 where a step lies in a block."""
+    block_min: Any
+    """(m,) lengths of the blocks."""
+
+
+class ProfileMPC(ByProfile, name="profile-mpc"):
+    """Predictive control by the profile of a person, with boluses for announced meals; for subcutaneous insulin.
+
+    A filter, `estimation.fed_filter`, estimates glucose, the content of the gut, an unexplained appearance and the
+    error of the sensor; what insulin does is known from what was delivered. From there the equations forecast glucose
+    twice: as expected, G, and cautiously, G_c, where the gut lacks `doubt` standard deviations of its content, and a
+    part of the unexplained appearance is not there. The rates u of blocks over eight hours, not below zero and
+    within the pump's limits, minimise::
+
+        sum over t of  h(G - r) + b/2 max(0, r - G)^2 + f/2 max(0, floor - G_c)^2
+            + sum over j of  w_j/2 (g_u (u_j - u_b) / u_n)^2
+
+    where h is half the square of ``max(0, G - r)`` up to some distance above the target r and straight beyond, so that
+    a high peak asks for no more insulin than a lower one that lasts as long. Rates are weighed as multiples of what the
+    basal rate does in the nominal person, so that one weight is right for families who need much or little insulin.
+    What is wanted at once, beyond the rate that follows, is a bolus: with an announced meal, and at other times if the
+    pump can give one so small and `automatic_boluses` allows it. The boluses that the pump reports are part of what was
+    delivered.
+
+    ============  ===========================================================  ======
+    variable      meaning                                                      size
+    ============  ===========================================================  ======
+    ``G``         glucose expected at the steps ahead                          (14,)
+    ``G_c``       the same with what is uncertain left out                     (14,)
+    ``u``         rates of the blocks                                          (10,)
+    ``w``         weight of each rate; none on a bolus for an announced meal   (10,)
+    ``u_b``       basal rate of the person                                     ()
+    ``u_n``       that of the nominal person                                   ()
+    ``g_u``       gain of insulin relative to the nominal person's             ()
+    ============  ===========================================================  ======
+
+    The program is solved in a fixed number of rounds (`qp.bounded_rates`), for two linearisations at each sample,
+    the first along the plan of the sample before. A known dead time of the readings is not taken into account.
+    """
 
     sources = ("hovorka2004", "boiroux2018", "diehl2005")
     slow: ClassVar = True
+    role_of_settings: ClassVar = HOST
+    heals: ClassVar[bool] = True
+    """Whether a step leaves a finite state after any state, so that a guard need not check it."""
 
     straight_beyond_mg_dl: Annotated[
         float, About("Distance above the target beyond which the cost grows no faster, in mg/dl.", above=0.0)
@@ -68,6 +131,7 @@ class ProfileMPCSettings(ByProfile, name="profile-mpc"):
     glucose_floor_mg_dl: Annotated[
         float,
         About("Floor under the cautious forecast, in mg/dl, at most the target.", above=0.0, quantity=GLUCOSE_BOUND),
+        DATA,
     ] = 90.0
     floor_weight: Annotated[
         float,
@@ -78,6 +142,7 @@ class ProfileMPCSettings(ByProfile, name="profile-mpc"):
         About(
             "Standard deviations by which the cautious forecast takes the content of the gut to be less.", at_least=0.0
         ),
+        DATA,
     ] = 1.0
     disturbance_doubt: Annotated[
         float,
@@ -86,9 +151,10 @@ class ProfileMPCSettings(ByProfile, name="profile-mpc"):
             at_least=0.0,
             at_most=1.0,
         ),
+        DATA,
     ] = 0.5
     move_weight: Annotated[
-        float, About("Weight on planned rates away from the basal rate, as multiples of it.", at_least=0.0)
+        float, About("Weight on planned rates away from the basal rate, as multiples of it.", at_least=0.0), DATA
     ] = 45.0
     bolus_weight: Annotated[
         float,
@@ -96,6 +162,7 @@ class ProfileMPCSettings(ByProfile, name="profile-mpc"):
             "Weight on the rate of the coming sample away from the basal rate, unless a meal is announced.",
             at_least=0.0,
         ),
+        DATA,
     ] = 7.0
     automatic_boluses: Annotated[
         bool,
@@ -103,6 +170,7 @@ class ProfileMPCSettings(ByProfile, name="profile-mpc"):
             "Whether insulin that is wanted at once is a bolus at any time, or with announced meals alone: true or "
             "false."
         ),
+        STATIC,
     ] = True
     gut_min: Annotated[
         float,
@@ -140,74 +208,98 @@ class ProfileMPCSettings(ByProfile, name="profile-mpc"):
     ] = 9.0
     sensor_lag_min: SensorLag = 10.0
 
+    _: KW_ONLY
+    model: ProfiledModel = wired(DATA, default=None)
+    filter: FedFilter = wired(DATA, default=None)
+    forecast: _ForecastSteps = wired(DATA, default=None)
+    costs: OneSided = wired(DATA, default=None)
+    limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
+    bolus: BolusLimits = wired(DATA, default=DEFAULT_BOLUS_LIMITS)
+    sample_time_min: float = wired(STATIC, default=5.0)
+
     def designed(self, case: DesignCase) -> ProfileMPC:
-        """Predictive controller of the catalogue, on the equations of the patient, for a patient's profile."""
+        """The controller on the equations of the patient, for a patient's profile."""
         case = case.behind_lag(self.sensor_lag_min)
-        return design_profile_mpc(
+        return self.of_model(
             case.nonlinear(),
             case.linearised(),
             case.profile,
-            self,
             case.limits,
             case.bolus,
             nominal_weight_kg=case.profile.weight_kg,
             noise_variance=case.noise_variance,
         )
 
+    def of_model(
+        self,
+        nominal: NonlinearModel,
+        linear: LinearModel,
+        profile: Profile,
+        limits: DoseLimits,
+        bolus: BolusLimits,
+        *,
+        nominal_weight_kg: float | None = None,
+        noise_variance: float = 0.0,
+    ) -> ProfileMPC:
+        """The controller on a model, for a person.
 
-@pytree
-class _ProfileMPCState:
-    """State of the controller."""
+        Parameters
+        ----------
+        nominal : NonlinearModel
+            Equations of the nominal person, at steady state.
+        linear : LinearModel
+            The same linearised at steady state, with the appearance of a meal as its disturbance.
+        profile : Profile
+            Profile of the person; see `models.profiled` for what is not known of the person.
+        limits, bolus : DoseLimits, BolusLimits
+            Limits of the pump.
+        nominal_weight_kg : float, optional
+            Weight of the nominal person.
+        noise_variance : float
+            Variance of white noise of the readings, (mg/dl)^2, where the settings give none.
 
-    estimate: FedEstimate
-    plan_mU_min: jax.Array
-    """(m,) rates of the last plan, block by block."""
-    requested_mU_min: jax.Array
-    """Rate that was asked for at the last sample, used where the pump reports nothing."""
-    requested_bolus_mU: jax.Array
-    """Bolus that was asked for at the last sample, used likewise."""
-    to_come: MealsToCome | None = None
-    """Announced meals that are still to be eaten; None where observations tell no time of eating."""
-
-
-@pytree
-class _ForecastSteps:
-    """Steps of a forecast over the blocks of a plan."""
-
-    step: Step
-    """Matrices of the steps ``(p, ...)``."""
-    of_block: Any
-    """(p, m) 1 where a step lies in a block."""
-    block_min: Any
-    """(m,) lengths of the blocks."""
-
-
-@pytree
-class ProfileMPC:
-    """Predictive control by a profile; see `design_profile_mpc`."""
-
-    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
-
-    model: ProfiledModel
-    filter: FedFilter
-    forecast: _ForecastSteps
-    costs: OneSided
-    glucose_floor_mg_dl: jax.Array | float
-    doubt: jax.Array | float
-    disturbance_doubt: jax.Array | float
-    move_weight: jax.Array | float
-    bolus_weight: jax.Array | float
-    limits: DoseLimits
-    bolus: BolusLimits
-    automatic: bool = static()
-    sample_time_min: float = static()
-    gives_boluses: ClassVar[bool] = True
-    heals: ClassVar[bool] = True
-    """Whether a step leaves a finite state after any state, so that a guard need not check it."""
+        Raises
+        ------
+        ValueError
+            For a linear model without a disturbance, or a model whose glucose insulin does not lower.
+        """
+        gut = GutCompartments(time_to_peak_min=self.gut_min)
+        sample = nominal.sample_time_min
+        model = profiled_model(nominal, linear, gut, nominal_weight_kg)
+        forecast = forecast_of(model, sample)
+        minutes = np.asarray(forecast.step.minutes)
+        controller: ProfileMPC = self.made(
+            model=model.with_profile(profile),
+            filter=FedFilter(
+                gut=gut,
+                step=model.step_of(sample),
+                meal_noise_mg=MG_PER_G * self.meal_noise_g,
+                disturbance_noise_mg_min=self.disturbance_noise_mg_min,
+                disturbance_min=self.disturbance_min,
+                glucose_noise_mg_min=self.glucose_noise_mg_min,
+                counting_error=self.counting_error_pct / 100.0,
+                measurement_variance=self.measurement_variance or max(noise_variance, _MIN_VARIANCE),
+                sensor_error_mg_dl=self.sensor_error_mg_dl,
+                sensor_correlation=CORRELATION ** (sample / SAMPLE_MIN),
+                gut_time_error=self.gut_error_pct / 100.0,
+                fed=model.fed_states(),
+            ),
+            forecast=forecast,
+            costs=OneSided(
+                weight=jnp.asarray(minutes),
+                straight_beyond=self.straight_beyond_mg_dl,
+                below=self.low_weight,
+                floor=self.floor_weight,
+            ),
+            limits=limits,
+            bolus=bolus,
+            sample_time_min=sample,
+        )
+        return controller
 
     def with_profile(self, profile: Profile) -> ProfileMPC:
         """The same controller for a person, or for people, with a profile."""
-        return dataclasses.replace(self, model=self.model.with_profile(profile))
+        return self.replaced(model=self.model.with_profile(profile))
 
     def settled(self) -> dict[str, Any]:
         """Gains of insulin and of meals in the person, relative to the nominal person's, and what they come from.
@@ -255,10 +347,10 @@ class ProfileMPC:
         plan = self._plan(estimate, to_come, plan, observation.setpoint_mg_dl, delivered, eats)
         # What the plan wants now and not later is a bolus, if the pump can give one so small.
         at_once = (plan[0] - plan[1]) * self.sample_time_min >= self.bolus.min_mU
-        rate = jnp.where((eats | self.automatic) & at_once, jnp.minimum(plan[0], plan[1]), plan[0])
+        rate = jnp.where((eats | self.automatic_boluses) & at_once, jnp.minimum(plan[0], plan[1]), plan[0])
         decision = decide(jnp.where(sound, rate, jnp.nan), delivered, self.limits, known)
         rest = (plan[0] - decision.insulin_mU_min) * self.sample_time_min
-        wanted = jnp.clip(jnp.where((eats | self.automatic) & sound, rest, 0.0), 0.0, self.bolus.max_mU)
+        wanted = jnp.clip(jnp.where((eats | self.automatic_boluses) & sound, rest, 0.0), 0.0, self.bolus.max_mU)
         state = _ProfileMPCState(
             estimate=estimate,
             plan_mU_min=plan,
@@ -329,7 +421,7 @@ class ProfileMPC:
         blocks = self.forecast.block_min
         change, highest, lowest = self.limits.max_change_mU_min, self.limits.max_mU_min, self.limits.min_mU_min
         up = jnp.where(
-            eats | self.automatic,
+            eats | self.automatic_boluses,
             highest + self.bolus.max_mU / self.sample_time_min,
             jnp.minimum(delivered + change, highest),
         )
@@ -337,7 +429,7 @@ class ProfileMPC:
         least = jnp.append(jnp.maximum(delivered - change, lowest), others + lowest)
         most = jnp.append(up, others + highest)
         # a bolus for a meal costs nothing by its size
-        first = jnp.where(eats, 0.0, self.bolus_weight if self.automatic else self.move_weight)
+        first = jnp.where(eats, 0.0, self.bolus_weight if self.automatic_boluses else self.move_weight)
         relative = self.model.insulin_gain / self.model.nominal.insulin_mU_min
         preference = relative**2 * blocks * jnp.append(first, others + self.move_weight)
 
@@ -380,110 +472,4 @@ def forecast_of(model: ProfiledModel, sample_time_min: float) -> _ForecastSteps:
         step=model.steps_of(lengths),
         of_block=jnp.asarray(np.eye(len(ends) - 1)[of_block]),
         block_min=jnp.asarray(np.diff(ends)),
-    )
-
-
-def design_profile_mpc(
-    nominal: NonlinearModel,
-    linear: LinearModel,
-    profile: Profile,
-    settings: ProfileMPCSettings,
-    limits: DoseLimits,
-    bolus: BolusLimits,
-    *,
-    nominal_weight_kg: float | None = None,
-    noise_variance: float = 0.0,
-) -> ProfileMPC:
-    """Predictive control on the family's equations, scaled to a person by the profile.
-
-    A filter, `estimation.fed_filter`, estimates glucose, the content of the gut, an unexplained appearance and the
-    error of the sensor; what insulin does is known from what was delivered. From there the equations forecast glucose
-    twice: as expected, G, and cautiously, G_c, where the gut lacks `doubt` standard deviations of its content, and a
-    part of the unexplained appearance is not there. The rates u of blocks over eight hours, not below zero and
-    within the pump's limits, minimise::
-
-        sum over t of  h(G - r) + b/2 max(0, r - G)^2 + f/2 max(0, floor - G_c)^2
-            + sum over j of  w_j/2 (g_u (u_j - u_b) / u_n)^2
-
-    where h is half the square of ``max(0, G - r)`` up to some distance above the target r and straight beyond, so that
-    a high peak asks for no more insulin than a lower one that lasts as long. Rates are weighed as multiples of what the
-    basal rate does in the nominal person, so that one weight is right for families who need much or little insulin.
-    What is wanted at once, beyond the rate that follows, is a bolus: with an announced meal, and at other times if the
-    pump can give one so small and `automatic_boluses` allows it. The boluses that the pump reports are part of what was
-    delivered.
-
-    ============  ===========================================================  ======
-    variable      meaning                                                      size
-    ============  ===========================================================  ======
-    ``G``         glucose expected at the steps ahead                          (14,)
-    ``G_c``       the same with what is uncertain left out                     (14,)
-    ``u``         rates of the blocks                                          (10,)
-    ``w``         weight of each rate; none on a bolus for an announced meal   (10,)
-    ``u_b``       basal rate of the person                                     ()
-    ``u_n``       that of the nominal person                                   ()
-    ``g_u``       gain of insulin relative to the nominal person's             ()
-    ============  ===========================================================  ======
-
-    The program is solved in a fixed number of rounds (`qp.bounded_rates`), for two linearisations at each sample,
-    the first along the plan of the sample before. A known dead time of the readings is not taken into account.
-
-    Parameters
-    ----------
-    nominal : NonlinearModel
-        Equations of the nominal person, at steady state.
-    linear : LinearModel
-        The same linearised at steady state, with the appearance of a meal as its disturbance.
-    profile : Profile
-        Profile of the person; see `models.profiled` for what is not known of the person.
-    settings : ProfileMPCSettings
-        Costs, doubts, and the noise that the filter expects.
-    limits, bolus : DoseLimits, BolusLimits
-        Limits of the pump.
-    nominal_weight_kg : float, optional
-        Weight of the nominal person.
-    noise_variance : float
-        Variance of white noise of the readings, (mg/dl)^2, where the settings give none.
-
-    Raises
-    ------
-    ValueError
-        For a linear model without a disturbance, or a model whose glucose insulin does not lower.
-    """
-    gut = GutCompartments(time_to_peak_min=settings.gut_min)
-    sample = nominal.sample_time_min
-    model = profiled_model(nominal, linear, gut, nominal_weight_kg)
-    forecast = forecast_of(model, sample)
-    minutes = np.asarray(forecast.step.minutes)
-    return ProfileMPC(
-        model=model.with_profile(profile),
-        filter=FedFilter(
-            gut=gut,
-            step=model.step_of(sample),
-            meal_noise_mg=MG_PER_G * settings.meal_noise_g,
-            disturbance_noise_mg_min=settings.disturbance_noise_mg_min,
-            disturbance_min=settings.disturbance_min,
-            glucose_noise_mg_min=settings.glucose_noise_mg_min,
-            counting_error=settings.counting_error_pct / 100.0,
-            measurement_variance=settings.measurement_variance or max(noise_variance, _MIN_VARIANCE),
-            sensor_error_mg_dl=settings.sensor_error_mg_dl,
-            sensor_correlation=CORRELATION ** (sample / SAMPLE_MIN),
-            gut_time_error=settings.gut_error_pct / 100.0,
-            fed=model.fed_states(),
-        ),
-        forecast=forecast,
-        costs=OneSided(
-            weight=jnp.asarray(minutes),
-            straight_beyond=settings.straight_beyond_mg_dl,
-            below=settings.low_weight,
-            floor=settings.floor_weight,
-        ),
-        glucose_floor_mg_dl=settings.glucose_floor_mg_dl,
-        doubt=settings.doubt,
-        disturbance_doubt=settings.disturbance_doubt,
-        move_weight=settings.move_weight,
-        bolus_weight=settings.bolus_weight,
-        automatic=settings.automatic_boluses,
-        limits=limits,
-        bolus=bolus,
-        sample_time_min=sample,
     )

@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop._lazy_jax import np
 from glucoloop.component.effects import ONLY_READINGS
+from glucoloop.component.pytree_component import HOST
 from glucoloop.component.setting import About, default_by_noise
 from glucoloop.control.part import ControllerComponent, SensorLag
 from glucoloop.refusal import Refusal
@@ -64,6 +65,7 @@ class MPCTuning(ControllerComponent):
     """Horizons and weights of a predictive controller."""
 
     used: ClassVar = ONLY_READINGS
+    role_of_settings: ClassVar = HOST
 
     move_horizon: Annotated[int, About("Number of planned moves, m.", at_least=1, at_most=_LONGEST_MOVE_HORIZON)] = 2
     prediction_horizon: PredictionHorizon = default_by_noise(default=8, noisy=10)
@@ -83,11 +85,15 @@ class MPCTuning(ControllerComponent):
         longer = self.prediction_horizon and self.prediction_horizon + samples  # 0 is chosen by a model that has it
         return dataclasses.replace(self, prediction_horizon=longer)
 
-    @property
-    def moves(self) -> dict[str, Any]:
-        """Arguments of design functions for the computation of the moves."""
-        names = ("constraints", "glucose_floor_mg_dl", "floor_weight")
-        return {name: getattr(self, name) for name in names if hasattr(self, name)}
+    def tuned(self, tuning: MPCTuning | None, **settings: Any) -> tuple[Self, int]:
+        """Settings with those of a tuning and others, and the minimum horizon where it suits the model.
+
+        Without a tuning it is the default one, with a horizon that suits the model and is not shorter than its own.
+        """
+        if tuning is None:
+            return type(self)(**{**self.values(), "prediction_horizon": 0, **settings}), self.prediction_horizon
+        own = {name: value for name, value in tuning.values().items() if name in self.settings()}
+        return type(self)(**{**self.values(), **own, **settings}), 1
 
 
 class StateTuning(MPCTuning):
@@ -101,7 +107,7 @@ class StateTuning(MPCTuning):
         int, About("1: the reference starts to move at the next sample; 0: at this one.", at_least=0, at_most=1)
     ] = 1
 
-    def reference(self) -> Any:
+    def reference_factors(self) -> Any:
         """Factors ``phi_r^(i-s)`` of the reference for i = 1 .. p, an array ``(p,)``."""
         ahead = np.arange(1, self.prediction_horizon + 1) - self.reference_start
         return np.asarray(self.reference_filter**ahead, np.float64)
@@ -125,7 +131,7 @@ class FilterTuning(StateTuning):
     sensor_lag_min: SensorLag = 0.0
 
     @property
-    def process_noise(self) -> tuple[float, float, float]:
+    def noise_variances(self) -> tuple[float, float, float]:
         """Variances of glucose, of insulin and slow effects, and of glucagon, for `DesignCase.process_noise`."""
         return self.glucose_process_noise, self.other_process_noise, self.glucagon_process_noise
 

@@ -72,7 +72,7 @@ _PACKAGE: Final = "frama-c is not installed; Debian's package frama-c-base bring
 
 
 def misra(exported: Exported) -> Check:
-    """Findings of cppcheck's add-on in the controller; one of a required rule fails the check."""
+    """Messages of cppcheck's add-on in the controller; one of a required rule fails the check."""
     return _misra_of(_code(exported), "controller.c")
 
 

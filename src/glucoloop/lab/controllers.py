@@ -30,7 +30,7 @@ from glucoloop.build.designs import controller_of, nominal_model
 from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.component.setting import Value
 from glucoloop.control import LinearMPC
-from glucoloop.control.basal_bolus import design_basal_bolus
+from glucoloop.control.basal_bolus import BasalBolus
 from glucoloop.control.guard import Guard, guarded
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.horizon import identified_response, least_horizon, linear_response
@@ -49,6 +49,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import linear_model
 from glucoloop.situations.case import usual_case
+from glucoloop.therapy import Profile
 
 _CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 """Controllers of all patients."""
@@ -149,7 +150,8 @@ def _example_controller(name: str, family: str) -> Controller:
     """A controller of a kind for the patients of a family."""
     point = next(iter(patients(family)))
     if name == "basal-bolus":
-        return design_basal_bolus(10.0, carb_ratio_g_U=10.0, correction_mg_dl_U=40.0)
+        profile = Profile(basal_mU_min=10.0, setpoint_mg_dl=110.0)
+        return BasalBolus(carb_ratio_g_U=10.0, correction_mg_dl_U=40.0).of_person(profile)
     if name == "profile-mpc":
         at_point = situation(family, point)
         designed: Controller = controller_of(at_point, usual_case(name, at_point))
@@ -274,8 +276,7 @@ def looped_functions(family: str) -> dict[str, PageFunction]:
 
     def controller(person: Any) -> ProfileMPC:
         numbers = person["controller"]
-        return dataclasses.replace(
-            designed,
+        return designed.replaced(
             costs=dataclasses.replace(designed.costs, **{of: numbers[name] for name, of in _OF_COSTS.items()}),
             filter=dataclasses.replace(designed.filter, **{name: numbers[name] for name in _OF_FILTER}),
             limits=numbers["limits"],

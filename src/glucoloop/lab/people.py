@@ -144,7 +144,7 @@ _MAX_OWN_PEOPLE: Final = 200
 def with_people(data: dict[str, Any], family: str, population: str) -> dict[str, Any]:
     """Data of the page with a population in the place of the default one of a family; it opens with that family.
 
-    Person by person they are those of ``glucoloop trial`` with the seed of the page. Of a file only the name is told.
+    Person by person they are those of ``glucoloop trial`` with the seed of the page. Of a file only the name is shown.
     """
     families = data["people"]
     if family not in families:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -53,7 +54,7 @@ def _case_facts(
 def trial_facts(trial: Trial) -> dict[str, str]:
     """Settings of a trial."""
     plan = trial.plan
-    meals = ", ".join(_meal(meal, trial.start_min or 0.0) for meal in plan.meals) or "none"
+    meals = ", ".join(_meal(meal, trial.start_min if plan.days > 1 else None) for meal in plan.meals) or "none"
     if plan.own is not None:
         meals = f"each person's own day, on average {meals}"
     if plan.size_spread_pct or plan.time_spread_min:
@@ -99,7 +100,9 @@ def _run_facts(run: Run) -> dict[str, str]:
     integrator = f"{fast if run.integrator == 'fast' else 'adaptive Runge-Kutta'} integrator"
     return {
         **_situation_facts(
-            run, the_first([_meal(meal, run.start_min or 0.0) for meal in run.eaten()], _MAX_MEALS) or "none"
+            run,
+            the_first([_run_meal(meal, run) for meal in sorted(run.eaten(), key=lambda meal: meal.t_min)], _MAX_MEALS)
+            or "none",
         ),
         **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
         "Length": _length(run.horizon_min),
@@ -171,10 +174,23 @@ def _length(horizon_min: float) -> str:
     return "a day" if days == 1.0 else f"{days:g} days"
 
 
-def _meal(meal: Meal, start_min: float) -> str:
+def _meal(meal: Meal, start_min: float | None) -> str:
+    """A meal of each day, by the clock if the run has one, or by the time from the start."""
+    if start_min is not None:
+        return _eaten(meal, moment_text(meal.t_min, math.inf, start_min).partition(", ")[2])
     in_hours = meal.t_min <= MIN_PER_DAY and not meal.t_min % 15.0
-    clock = f"{meal.t_min / MIN_PER_H:g} h" if in_hours else moment_text(meal.t_min, start_min=start_min)
-    return f"{meal.carbs_g:g} g at {clock}" + (f", eaten for {meal.eating_min:g} min" if meal.eating_min else "")
+    return _eaten(meal, f"{meal.t_min / MIN_PER_H:g} h" if in_hours else moment_text(meal.t_min))
+
+
+def _run_meal(meal: Meal, run: Run) -> str:
+    """A meal of a run, by day and clock if it is longer than a day."""
+    if run.horizon_min <= MIN_PER_DAY:
+        return _meal(meal, None)
+    return _eaten(meal, moment_text(meal.t_min, run.horizon_min, run.start_min or 0.0))
+
+
+def _eaten(meal: Meal, when: str) -> str:
+    return f"{meal.carbs_g:.4g} g at {when}" + (f", eaten for {meal.eating_min:g} min" if meal.eating_min else "")
 
 
 # ---------------------------------------------------------------------------------------------- engines

@@ -200,7 +200,7 @@ def remove(path: Path) -> None:
         part = _part_of(path)
         remove(part)
         os.rename(path, part)
-        with contextlib.suppress(OSError):  # a part of a folder that a power cut leaves is told by its digests
+        with contextlib.suppress(OSError):  # digests tell a folder of which a power cut leaves a part
             sync(path.parent)
         path = part
     shutil.rmtree(path)

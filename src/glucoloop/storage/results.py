@@ -1,4 +1,4 @@
-"""Findings of a study: plain values and tables, written whole and read back whole.
+"""Results of a study: plain values and tables, written whole and read back whole.
 
 Whatever is printed or drawn later follows from the plain values, so that nothing is computed or worded again.
 """
@@ -23,7 +23,7 @@ _MEND: Final = "move it away and run the same command again"
 
 @dataclass(frozen=True)
 class Results:
-    """Findings of a study."""
+    """Results of a study."""
 
     plain: Mapping[str, Any]
     """Everything as plain values: JSON prints it, and a finished folder gives it back. A number that is not finite is
@@ -59,13 +59,13 @@ class Results:
 
     @classmethod
     def read(cls, place: Path) -> Results:
-        """Read earlier findings from the JSON file that holds them."""
+        """Read earlier results from the JSON file that holds them."""
         plain = stored_json(place, _MEND, dict[str, Any])
         return cls({key: value for key, value in plain.items() if key != "version"}, place=place)
 
     @contextlib.contextmanager
     def refusing_damage(self) -> Iterator[None]:
-        """Refuse findings that were read back and are not those of the study that shows them in the block.
+        """Refuse results that were read back and are not those of the study that shows them in the block.
 
         Their form is what the columns and sentences of the study ask for, and is written nowhere else.
         """

@@ -34,7 +34,7 @@ class GuardedTrial(Trial):
     guard: Annotated[
         GuardSettings | None,
         Option(
-            "Settings of the guard, like 'max_on_board=2'; by default those usual for the patient.",
+            "Settings of the guard, like 'max_on_board=2'; by default those of the patient.",
             panel=CONTROLLER_PANEL,
             alone="usual",
             needs=(_GUARD,),

@@ -91,7 +91,7 @@ def simulate_people(
     seed : int
         Seed of the sensors; each person has an individual key.
     limits : DoseLimits, optional
-        Limits against which the constraints are checked; those usual for the patient by default.
+        Limits against which the constraints are checked; those of the patient by default.
     precision : {"float64", "float32"}
     engine : {"native", "xla"}, optional
         Native code where the controller allows it, by default.

@@ -26,7 +26,7 @@ BANDS: Final = "bands.parquet"
 TRACES: Final = "traces.parquet"
 FILES: Final = (PEOPLE, BANDS, TRACES)
 BY_WEEK: Final = "glucose_by_week"
-"""Quantity of a long run: glucose at all samples of a week, which is told by the time at which it begins."""
+"""Quantity of a long run: glucose at all samples of a week, named by the time at which the week begins."""
 _MAX_COLUMNS: Final = 256
 NAME: Final = "name"
 """Column of the names of people who have one."""

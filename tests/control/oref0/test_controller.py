@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.control import Observation, Status, design_oref0
-from glucoloop.control.oref0.controller import Oref0Settings
+from glucoloop.control import Observation, Oref0, Status
 from glucoloop.control.oref0.inputs import TICKS
 from glucoloop.pumps import dose_limits
 from glucoloop.refusal import Refusal
@@ -52,8 +51,8 @@ def followed(controller, readings, carbs):
 @pytest.mark.long
 @pytest.mark.parametrize("announced", [True, False])
 def test_a_day_of_doses_is_that_of_the_package(announced):
-    settings = Oref0Settings(enable_smb_always=True, max_iob_U=8.0, insulin_action_min=360.0)
-    controller = design_oref0(PERSON, settings, WIDE)
+    settings = Oref0(enable_smb_always=True, max_iob_U=8.0, insulin_action_min=360.0)
+    controller = settings.of_person(PERSON, WIDE)
     rng, count = np.random.default_rng(4), 288
     t = np.arange(count)
     meals = 90.0 * np.exp(-(((t - 85.0) / 18.0) ** 2)) + 110.0 * np.exp(-(((t - 200.0) / 20.0) ** 2))
@@ -146,7 +145,7 @@ def test_a_day_of_doses_is_that_of_the_package(announced):
 @pytest.mark.long
 def test_a_person_gives_the_bolus_of_a_meal_by_the_ratio_or_a_part_of_it_or_none():
     for share, expected in ((1.0, 5000.0), (0.5, 2500.0), (0.0, 0.0)):
-        controller = design_oref0(PERSON, Oref0Settings(meal_bolus=share), WIDE)
+        controller = Oref0(meal_bolus=share).of_person(PERSON, WIDE)
         seen = observed(104.0, carbs=45.0)
         _, decision = controller.step(controller.init(seen), seen)
         assert float(decision.bolus_mU) == pytest.approx(expected)
@@ -154,7 +153,7 @@ def test_a_person_gives_the_bolus_of_a_meal_by_the_ratio_or_a_part_of_it_or_none
 
 @pytest.mark.long
 def test_a_bolus_that_was_given_is_on_board_and_one_that_was_not_is_not():
-    controller = design_oref0(PERSON, Oref0Settings(), WIDE)
+    controller = Oref0().of_person(PERSON, WIDE)
     seen = observed(104.0, carbs=45.0)
     state, decision = controller.step(controller.init(seen), seen)
     assert float(decision.bolus_mU) == pytest.approx(5000.0)
@@ -167,24 +166,24 @@ def test_a_bolus_that_was_given_is_on_board_and_one_that_was_not_is_not():
 
 def test_settings_that_are_given_stand_above_the_profile_of_a_person():
     other = Profile(basal_mU_min=10.0, setpoint_mg_dl=110.0, carb_ratio_g_U=20.0, correction_mg_dl_U=80.0)
-    by_profile = design_oref0(PERSON, Oref0Settings(), WIDE).with_profile(other)
+    by_profile = Oref0().of_person(PERSON, WIDE).with_profile(other)
     settled = {name: float(value) for name, value in by_profile.settled().items()}
     assert settled["carb_ratio_g_U"] == 20.0
     assert settled["correction_mg_dl_U"] == 80.0
     # twice the basal dose of 14.4 U a day is the daily dose, of which half is for three meals
     assert settled["max_iob_U"] == pytest.approx(3.0 * 0.6 + 28.8 / 6.0)
-    given = Oref0Settings(carb_ratio_g_U=7.0, correction_mg_dl_U=30.0, max_iob_U=3.0)
-    settled = design_oref0(PERSON, given, WIDE).with_profile(other).settled()
+    given = Oref0(carb_ratio_g_U=7.0, correction_mg_dl_U=30.0, max_iob_U=3.0)
+    settled = given.of_person(PERSON, WIDE).with_profile(other).settled()
     assert [float(settled[name]) for name in ("carb_ratio_g_U", "correction_mg_dl_U", "max_iob_U")] == [7.0, 30.0, 3.0]
 
 
 @pytest.mark.long
 def test_high_glucose_brings_microboluses_and_low_glucose_stops_insulin():
-    controller = design_oref0(PERSON, Oref0Settings(), WIDE)
+    controller = Oref0().of_person(PERSON, WIDE)
     rising = followed(controller, 140.0 + 3.0 * np.arange(8.0), np.zeros(8))[0]
     assert np.asarray(rising.bolus_mU)[-1] > 0.0
-    without = Oref0Settings(enable_smb_always=False)
-    rates = followed(design_oref0(PERSON, without, WIDE), 140.0 + 3.0 * np.arange(8.0), np.zeros(8))[0]
+    without = Oref0(enable_smb_always=False)
+    rates = followed(without.of_person(PERSON, WIDE), 140.0 + 3.0 * np.arange(8.0), np.zeros(8))[0]
     assert np.all(np.asarray(rates.bolus_mU) == 0.0)
     assert np.asarray(rates.insulin_mU_min)[-1] > 40.0
     falling = followed(controller, 120.0 - 7.0 * np.arange(10.0), np.zeros(10))[0]
@@ -194,7 +193,7 @@ def test_high_glucose_brings_microboluses_and_low_glucose_stops_insulin():
 
 @pytest.mark.long
 def test_without_a_reading_for_over_10_min_a_high_rate_ends():
-    controller = design_oref0(PERSON, Oref0Settings(enable_smb_always=False), WIDE)
+    controller = Oref0(enable_smb_always=False).of_person(PERSON, WIDE)
     state, rate = controller.init(observed(150.0)), 18.0
     for reading in 150.0 + 4.0 * np.arange(6.0):
         state, decision = controller.step(state, observed(reading, delivered=rate))
@@ -212,10 +211,10 @@ def test_without_a_reading_for_over_10_min_a_high_rate_ends():
 
 def test_what_is_not_possible_is_refused():
     with pytest.raises(Refusal, match="every 5 min"):
-        design_oref0(PERSON, Oref0Settings(), WIDE, sample_time_min=15.0)
+        Oref0().of_person(PERSON, WIDE, sample_time_min=15.0)
     with pytest.raises(Refusal, match="basal rate"):
-        design_oref0(dataclasses.replace(PERSON, basal_mU_min=500.0), Oref0Settings(), WIDE)
+        Oref0().of_person(dataclasses.replace(PERSON, basal_mU_min=500.0), WIDE)
     with pytest.raises(Refusal, match="from 35 to 100 min"):
-        Oref0Settings(curve="ultra-rapid", insulin_peak_min=110.0)
+        Oref0(curve="ultra-rapid", insulin_peak_min=110.0)
     with pytest.raises(Refusal, match="insulin_action_min"):
-        Oref0Settings(insulin_action_min=240.0)
+        Oref0(insulin_action_min=240.0)

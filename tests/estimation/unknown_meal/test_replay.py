@@ -46,7 +46,7 @@ def test_it_says_what_the_controller_was_told(two_states):
         said.append([estimate.eating, estimate.carbs_g, estimate.stomach.emptying_mg_min, estimate.disturbance_mg_min])
     told = estimate_meals(
         controller.model,
-        controller.estimator,
+        controller.meal_estimator,
         5.0 * np.arange(N),
         readings,
         insulin,

@@ -7,12 +7,11 @@ gone by. A person who announces a meal gives a bolus for it by the carbohydrate 
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked
-from glucoloop.component.effects import DOSES_BY_PROFILE, Need
+from glucoloop._pytree import pytree
+from glucoloop.component.pytree_component import DATA, HOST, STATIC, derived
 from glucoloop.component.setting import About
 from glucoloop.control.decision import (
     MealsToCome,
@@ -24,7 +23,6 @@ from glucoloop.control.decision import (
     is_known,
     no_meals_to_come,
 )
-from glucoloop.control.design_case import DesignCase, check_rate
 from glucoloop.control.oref0.dose import determine_basal
 from glucoloop.control.oref0.inputs import (
     DEVIATIONS,
@@ -39,7 +37,7 @@ from glucoloop.control.oref0.inputs import (
     treatments,
 )
 from glucoloop.control.oref0.records import DosingProfile, TempBasal, whole
-from glucoloop.control.part import ByProfile, CarbRatio, CorrectionFactor
+from glucoloop.control.part import CarbRatio, CorrectionFactor, OfPerson
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
@@ -58,15 +56,70 @@ _MEALS_A_DAY, _MEAL_SHARE = 3.0, 0.5
 _BASAL_HOURS: Final = 3.0
 
 
-class Oref0Settings(ByProfile, name="oref0"):
+def _pushed(row: jax.Array, newest: jax.Array) -> jax.Array:
+    """A history with a new entry at its head."""
+    return jnp.concatenate([newest[None], row[:-1]])
+
+
+@pytree
+class _Oref0State:
+    """Histories, the newest first, and the temporary basal rate in force."""
+
+    readings_mg_dl: jax.Array
+    """Readings of 50 min; 0 where there was none."""
+    glucose_mg_dl: jax.Array
+    """Glucose of six hours, with a line where there was no reading."""
+    activity_U_min: jax.Array
+    """Insulin activity of six hours."""
+    insulin_U: jax.Array
+    """Insulin of each past sample beyond the basal rate, boluses included."""
+    carbs_g: jax.Array
+    """Announced carbohydrate of six hours, when it is eaten."""
+    gap: jax.Array
+    """Samples since the last reading."""
+    temp: TempBasal
+    since_bolus_min: jax.Array
+    """Time since the last bolus."""
+    requested_mU_min: jax.Array
+    """Rate that was requested at the last sample, used if the pump reports nothing."""
+    requested_mU: jax.Array
+    """Bolus that was requested at the last sample, likewise."""
+    to_come: MealsToCome | None = None
+    """Meals that are still to be eaten; None where observations tell no time of eating."""
+
+
+class Oref0(OfPerson, name="oref0"):
     """oref0 0.7.1 of OpenAPS: temporary basal rates and microboluses by four forecasts; research only.
 
     The defaults are those of oref0, but for two that allow no more than a temporary basal rate below the person's own
     until they are changed: ``max_iob_U``, which is 0 there, and ``enable_smb_always``, which is off there. Preferences
-    have their names of there.
+    have their names of there. It is neither oref0 nor a medical device.
+
+    Four forecasts start from the reading, by insulin on board, carbohydrate on board, glucose that nobody announced,
+    and no basal insulin. By the minimum of them, insulin is suspended; by where they end, a temporary basal rate or a
+    microbolus is given, of half the insulin that is wanting.
+
+    ==================  ==========================================================  =====================
+    variable            meaning                                                     size
+    ==================  ==========================================================  =====================
+    ``readings``        readings, for the change of glucose                         11
+    ``glucose``         glucose of six hours, for deviations                        71
+    ``activity``        insulin activity of six hours                               70
+    ``insulin``         insulin beyond the basal rate                               60, or by its action
+    ``carbs``           announced carbohydrate of six hours                         72
+    ==================  ==========================================================  =====================
+
+    Examples
+    --------
+    >>> controller = Oref0().of_person(Profile(basal_mU_min=15.0, setpoint_mg_dl=100.0))
+    >>> round(float(controller.settled()["max_iob_U"]), 1)
+    9.9
     """
 
     sources = ("lewis2016", "oref0")
+    role_of_settings: ClassVar = HOST
+    memory_bound: ClassVar[float] = 2e4
+    """Bound on its memory for a guard: times end at 10 000 min, and no other number is as large."""
 
     meal_bolus: Annotated[
         float,
@@ -75,17 +128,20 @@ class Oref0Settings(ByProfile, name="oref0"):
             at_least=0.0,
             at_most=1.0,
         ),
+        DATA,
     ] = 1.0
     carb_ratio_g_U: CarbRatio = 0.0
     correction_mg_dl_U: CorrectionFactor = 0.0
     curve: Annotated[
-        Literal["rapid-acting", "ultra-rapid"], About("Curve of insulin action, which peaks after 75 or 55 min.")
+        Literal["rapid-acting", "ultra-rapid"],
+        About("Curve of insulin action, which peaks after 75 or 55 min."),
+        STATIC,
     ] = "rapid-acting"
     insulin_action_min: Annotated[
-        float, About("Time for which insulin acts (DIA).", at_least=300.0, at_most=600.0, quantity=ACTION_TIME)
+        float, About("Time for which insulin acts (DIA).", at_least=300.0, at_most=600.0, quantity=ACTION_TIME), STATIC
     ] = 300.0
     insulin_peak_min: Annotated[
-        float, About("Time of the peak of insulin action; 0: of the curve.", at_least=0.0, at_most=120.0)
+        float, About("Time of the peak of insulin action; 0: of the curve.", at_least=0.0, at_most=120.0), STATIC
     ] = 0.0
     max_iob_U: Annotated[
         float,
@@ -153,68 +209,61 @@ class Oref0Settings(ByProfile, name="oref0"):
                 f"give insulin_peak_min from {least:g} to {most:g} min, or 0"
             )
 
-    def designed(self, case: DesignCase) -> Oref0:
-        """Controller oref0 of the catalogue, for a patient's profile."""
-        return design_oref0(case.profile, self, case.limits, bolus=case.bolus, sample_time_min=case.sample_time_min)
+    def of_person(
+        self,
+        profile: Profile,
+        limits: DoseLimits = PARKER_1999_LIMITS,
+        *,
+        bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
+        sample_time_min: float = float(SAMPLE_MIN),
+        allow_unusual: bool = False,
+    ) -> Self:
+        """The controller for a person and a pump; another sample time than 5 min is refused."""
+        if sample_time_min != SAMPLE_MIN:
+            raise Refusal(
+                f"oref0 doses every {SAMPLE_MIN} min, and not every {sample_time_min:g} min; "
+                "give the controller every=5min, or the loop a sample time of 5 min"
+            )
+        return super().of_person(
+            profile, limits, bolus=bolus, sample_time_min=sample_time_min, allow_unusual=allow_unusual
+        )
 
+    @derived
+    def setpoint_mg_dl(self) -> jax.Array:
+        """The person's setpoint."""
+        setpoint: jax.Array = jnp.asarray(self._person.setpoint_mg_dl, jnp.asarray(self._person.basal_mU_min).dtype)
+        return setpoint
 
-@pytree
-class _Oref0State:
-    """Histories, the newest first, and the temporary basal rate in force."""
-
-    readings_mg_dl: jax.Array
-    """Readings of 50 min; 0 where there was none."""
-    glucose_mg_dl: jax.Array
-    """Glucose of six hours, with a line where there was no reading."""
-    activity_U_min: jax.Array
-    """Insulin activity of six hours."""
-    insulin_U: jax.Array
-    """Insulin of each past sample beyond the basal rate, boluses included."""
-    carbs_g: jax.Array
-    """Announced carbohydrate of six hours, when it is eaten."""
-    gap: jax.Array
-    """Samples since the last reading."""
-    temp: TempBasal
-    since_bolus_min: jax.Array
-    """Time since the last bolus."""
-    requested_mU_min: jax.Array
-    """Rate that was asked for at the last sample, used if the pump reports nothing."""
-    requested_mU: jax.Array
-    """Bolus that was asked for at the last sample, likewise."""
-    to_come: MealsToCome | None = None
-    """Meals that are still to be eaten; None where observations tell no time of eating."""
-
-
-@pytree
-class Oref0:
-    """Controller oref0; see `design_oref0`."""
-
-    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
-
-    profile: DosingProfile
-    basal_mU_min: jax.Array | float
-    setpoint_mg_dl: jax.Array | float
-    limits: DoseLimits
-    bolus: BolusLimits
-    settings: Oref0Settings = static()
-    sample_time_min: float = static(default=float(SAMPLE_MIN))
-    gives_boluses: ClassVar[bool] = True
-    memory_bound: ClassVar[float] = 2e4
-    """Bound on its memory for a guard: times end at 10 000 min, and no other number is as large."""
-
-    def with_profile(self, profile: Profile) -> Oref0:
-        """The same controller for a person with the given profile; settings that were given stay as they are."""
-        basal = jnp.asarray(profile.basal_mU_min)
-        return dataclasses.replace(
-            self,
-            profile=_dosing(profile, self.settings, self.limits),
-            basal_mU_min=basal,
-            setpoint_mg_dl=jnp.asarray(profile.setpoint_mg_dl, basal.dtype),
+    @derived
+    def dosing(self) -> DosingProfile:
+        """Profile of oref0, from that of the person and the settings."""
+        profile = self._person
+        basal: jax.Array = jnp.maximum(u_h_from_mu_min(jnp.asarray(profile.basal_mU_min)), _MIN_BASAL_U_H)
+        target = whole(jnp.asarray(profile.setpoint_mg_dl, basal.dtype))
+        by_rule = _BASAL_HOURS * basal + profile.daily_dose_U() * _MEAL_SHARE / _MEALS_A_DAY
+        maximum = self.limits.max_mU_min
+        if self.max_basal_mU_min:
+            maximum = jnp.minimum(maximum, self.max_basal_mU_min)
+        preferences = {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(DosingProfile)
+            if field.default is not dataclasses.MISSING and field.name != "max_iob_U"
+        }
+        return DosingProfile(
+            current_basal_U_h=basal,
+            max_daily_basal_U_h=basal,
+            max_basal_U_h=u_h_from_mu_min(jnp.asarray(maximum)),
+            sens_mg_dl_U=self.correction_mg_dl_U or profile.correction_factor(),
+            carb_ratio_g_U=self.carb_ratio_g_U or profile.carb_ratio(),
+            min_bg_mg_dl=target,
+            max_bg_mg_dl=target,
+            max_iob_U=self.max_iob_U or by_rule,
+            **preferences,
         )
 
     def settled(self) -> dict[str, Any]:
         """Basal rate, carb ratio, correction factor and the largest insulin on board."""
-        profile = self.profile
+        profile = self.dosing
         return {
             "basal_mU_min": self.basal_mU_min,
             "carb_ratio_g_U": profile.carb_ratio_g_U,
@@ -253,7 +302,7 @@ class Oref0:
         gap = jnp.where(known, state.gap, 1.0)  # without a reading, the last one stands in its place
         glucose_mg_dl = bucketed(state.glucose_mg_dl, reading, gap)
         carbs = announced_carbs(observation)
-        meal_mU = self.settings.meal_bolus * carbs * (MU_PER_U / self.profile.carb_ratio_g_U)
+        meal_mU = self.meal_bolus * carbs * (MU_PER_U / self.dosing.carb_ratio_g_U)
         meal_mU = self.bolus.allowed(meal_mU)
         insulin = _pushed(state.insulin_U, self._given_U(state, observation))
         waited = jnp.minimum(state.since_bolus_min + SAMPLE_MIN, _LONG_AGO_MIN)
@@ -261,14 +310,14 @@ class Oref0:
         setpoint = observation.setpoint_mg_dl
         setpoint = jnp.where(jnp.isfinite(setpoint) & (setpoint > 0.0), setpoint, self.setpoint_mg_dl)
         target = whole(jnp.minimum(setpoint, _HIGHEST_MG_DL))
-        profile = dataclasses.replace(self.profile, min_bg_mg_dl=target, max_bg_mg_dl=target)
+        profile = dataclasses.replace(self.dosing, min_bg_mg_dl=target, max_bg_mg_dl=target)
         glucose = glucose_get_last(readings)
         iob = iob_total(
             jnp.concatenate([(meal_mU / MU_PER_U)[None], insulin]),
             profile.current_basal_U_h,
             jnp.where(meal_mU > 0.0, 0.0, waited),
             dia_h=self._action_h,
-            peak_min=self.settings.insulin_peak_min or PEAKS_MIN[self.settings.curve],
+            peak_min=self.insulin_peak_min or PEAKS_MIN[self.curve],
         )
         activity = _pushed(state.activity_U_min, iob.activity_U_min)
         to_come, begins = hear(state.to_come, observation, carbs, self.sample_time_min)
@@ -299,7 +348,7 @@ class Oref0:
 
     @property
     def _action_h(self) -> float:
-        return self.settings.insulin_action_min / MIN_PER_H
+        return self.insulin_action_min / MIN_PER_H
 
     def _reading(self, observation: Observation, otherwise: jax.Array) -> jax.Array:
         """Reading in the range of a sensor, or another value where there is none."""
@@ -311,101 +360,5 @@ class Oref0:
         rate = delivered_since(observation, state.requested_mU_min)
         rate = jnp.clip(rate, self.limits.min_mU_min, self.limits.max_mU_min)
         bolus = bolus_since(observation, state.requested_mU, self.bolus)
-        return ((rate - self.basal_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
-
-
-def _pushed(row: jax.Array, newest: jax.Array) -> jax.Array:
-    """A history with a new entry at its head."""
-    return jnp.concatenate([newest[None], row[:-1]])
-
-
-def _dosing(profile: Profile, settings: Oref0Settings, limits: DoseLimits) -> DosingProfile:
-    """Profile of oref0 from that of a person, and the settings."""
-    basal = jnp.maximum(u_h_from_mu_min(jnp.asarray(profile.basal_mU_min)), _MIN_BASAL_U_H)
-    target = whole(jnp.asarray(profile.setpoint_mg_dl, basal.dtype))
-    by_rule = _BASAL_HOURS * basal + profile.daily_dose_U() * _MEAL_SHARE / _MEALS_A_DAY
-    most = limits.max_mU_min
-    if settings.max_basal_mU_min:
-        most = jnp.minimum(most, settings.max_basal_mU_min)
-    preferences = {
-        field.name: getattr(settings, field.name)
-        for field in dataclasses.fields(DosingProfile)
-        if field.default is not dataclasses.MISSING and field.name != "max_iob_U"
-    }
-    return DosingProfile(
-        current_basal_U_h=basal,
-        max_daily_basal_U_h=basal,
-        max_basal_U_h=u_h_from_mu_min(jnp.asarray(most)),
-        sens_mg_dl_U=settings.correction_mg_dl_U or profile.correction_factor(),
-        carb_ratio_g_U=settings.carb_ratio_g_U or profile.carb_ratio(),
-        min_bg_mg_dl=target,
-        max_bg_mg_dl=target,
-        max_iob_U=settings.max_iob_U or by_rule,
-        **preferences,
-    )
-
-
-@checked
-def design_oref0(
-    profile: Profile,
-    settings: Oref0Settings | None = None,
-    limits: DoseLimits = PARKER_1999_LIMITS,
-    *,
-    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
-    sample_time_min: float = float(SAMPLE_MIN),
-) -> Oref0:
-    """Controller that doses as oref0 0.7.1 does. Research only: it is neither oref0 nor a medical device.
-
-    Four forecasts start from the reading, by insulin on board, carbohydrate on board, glucose that nobody announced,
-    and no basal insulin. By the minimum of them, insulin is suspended; by where they end, a temporary basal rate or a
-    microbolus is given, of half the insulin that is wanting.
-
-    ==================  ==========================================================  =====================
-    variable            meaning                                                     size
-    ==================  ==========================================================  =====================
-    ``readings``        readings, for the change of glucose                         11
-    ``glucose``         glucose of six hours, for deviations                        71
-    ``activity``        insulin activity of six hours                               70
-    ``insulin``         insulin beyond the basal rate                               60, or by its action
-    ``carbs``           announced carbohydrate of six hours                         72
-    ==================  ==========================================================  =====================
-
-    Parameters
-    ----------
-    profile : Profile
-        Basal rate, setpoint, carbohydrate ratio, correction factor and daily dose of the person.
-    settings : Oref0Settings, optional
-        Preferences; by default those of oref0 with microboluses.
-    limits : DoseLimits
-        Limits of the basal rate.
-    bolus : BolusLimits
-        Limits of a bolus.
-    sample_time_min : float
-        Time between two readings, which is 5 min.
-
-    Raises
-    ------
-    ValueError
-        For a basal rate outside the limits, or another sample time.
-
-    Examples
-    --------
-    >>> controller = design_oref0(Profile(basal_mU_min=15.0, setpoint_mg_dl=100.0))
-    >>> round(float(controller.settled()["max_iob_U"]), 1)
-    9.9
-    """
-    if sample_time_min != SAMPLE_MIN:
-        raise Refusal(
-            f"oref0 doses every {SAMPLE_MIN} min, and not every {sample_time_min:g} min; "
-            "give the controller every=5min, or the loop a sample time of 5 min"
-        )
-    check_rate("basal", profile.basal_mU_min, limits)
-    settings = settings or Oref0Settings()
-    return Oref0(
-        profile=_dosing(profile, settings, limits),
-        basal_mU_min=profile.basal_mU_min,
-        setpoint_mg_dl=profile.setpoint_mg_dl,
-        limits=limits,
-        bolus=bolus,
-        settings=settings,
-    )
+        insulin_U: jax.Array = ((rate - self.basal_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
+        return insulin_U

@@ -210,8 +210,8 @@ export function basalBolus(tuning, basal_mU_min, profile) {
   const own = profile ?? { carb_ratio_g_U: CARB_RULE / daily_U, correction_mg_dl_U: CORRECTION_RULE / daily_U };
   return {
     basal_mU_min,
-    carb_ratio_g_U: tuning.carb_ratio_g_U || own.carb_ratio_g_U,
-    correction_mg_dl_U: tuning.correction_mg_dl_U || own.correction_mg_dl_U,
+    carbs_per_U: tuning.carb_ratio_g_U || own.carb_ratio_g_U,
+    fall_per_U: tuning.correction_mg_dl_U || own.correction_mg_dl_U,
     insulin_on_board_min: tuning.insulin_on_board_min,
     correction_above_mg_dl: tuning.correction_above_mg_dl,
     correction_every_min: tuning.correction_every_min,

@@ -132,8 +132,8 @@ export class Lab {
     const inner = guard ? "controller.inner." : "controller.";
     if (controller === "mpc-se") return { [`${inner}basal_mU_min`]: basal_insulin_mU_min };
     if (controller !== "basal-bolus") return {};
-    const { basal_mU_min, carb_ratio_g_U, correction_mg_dl_U } = basalBolus(tuningOf(situation, this.data), basal_insulin_mU_min);
-    const own = { basal_mU_min, carb_ratio_g_U, correction_mg_dl_U };
+    const { basal_mU_min, carbs_per_U, fall_per_U } = basalBolus(tuningOf(situation, this.data), basal_insulin_mU_min);
+    const own = { basal_mU_min, carbs_per_U, fall_per_U };
     return Object.fromEntries(Object.entries(own).map(([name, value]) => [`${inner}${name}`, value]));
   }
 

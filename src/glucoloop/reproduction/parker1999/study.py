@@ -313,9 +313,15 @@ def _known_dead_times(studies: Mapping[str, PointResults]) -> _Table:
     for point, results in studies.items():
         for dead_time, anew in results.identified_anew.items():
             both = results.runs["mpc", dead_time], anew
-            rows.append((point, dead_time, *(Reproduced.of(runs.metrics.undershoot_mg_dl).text for runs in both)))
+            rows.append(
+                (
+                    point,
+                    f"{dead_time.removesuffix('M')} min",
+                    *(Reproduced.of(runs.metrics.undershoot_mg_dl).text for runs in both),
+                )
+            )
     return _Table(
-        "Linear MPC told of its dead time in two ways: undershoot, mg/dl",
+        "Linear MPC with a known dead time, in two ways: undershoot, mg/dl",
         "The paper identifies a new model from delayed records. Two Laguerre functions cannot hold leading zeros, so "
         "such a model counts on a response that has not begun; shifting the model of the undelayed patient is nearer "
         "to the printed rows, and is what Table II above shows.",
@@ -329,7 +335,7 @@ def _closing_tables(rows: Sequence[ComparedEntry]) -> list[_Table]:
     if not rows:
         return []
     failed = [
-        (row.entry.what, _printed_text(row), point, results.text, reason_for(row.entry.id, point) or "not known")
+        (row.entry.what, _printed_with_unit(row), point, results.text, reason_for(row.entry.id, point) or "not known")
         for row in rows
         for point, results in row.reproduced.items()
         if row.agrees(point) is False

@@ -165,7 +165,7 @@ def _with_estimates(
     controller, late = controller_of(trial, case), trial.dead_time_samples if known else 0
 
     def estimated(days: _Days) -> _Days:
-        basal, rates = days.basal_insulin_mU_min, _believed(days.insulin_mU_min, days.basal_insulin_mU_min)
+        basal, rates = days.basal_insulin_mU_min, _accepted_rates(days.insulin_mU_min, days.basal_insulin_mU_min)
 
         def block(place: Numbers) -> Any:
             of_block = (jnp.asarray(values[..., place]) for values in (basal, days.reading_mg_dl, rates))
@@ -192,13 +192,15 @@ def _of_days(
     def of_day(basal: jax.Array, readings: jax.Array, insulin: jax.Array) -> MealEstimates:
         individual = controller.with_basal(basal)
         none = jnp.zeros_like(readings)
-        return replay(individual.model, individual.estimator, t_min, readings, insulin, none, basal, late, start_min)
+        return replay(
+            individual.model, individual.meal_estimator, t_min, readings, insulin, none, basal, late, start_min
+        )
 
     results: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
     return results
 
 
-def _believed(reported: Array, basal: Array) -> Array:
+def _accepted_rates(reported: Array, basal: Array) -> Array:
     """Rates that a controller assumes: the previous one where the pump reports none."""
     rates = np.array(reported)
     for k in range(rates.shape[0]):
@@ -367,7 +369,7 @@ def _delays_min(
     """Delay of the first sample after each meal's beginning at which the probability is above the threshold.
 
     It is ``(meals, days)``, with NaN for a meal that was missed, or that began with the probability above the threshold
-    already, which is told beside it. Meals of a day are in their order.
+    already, which is stated beside it. Meals of a day are in their order.
     """
     above = eating > threshold
     last = np.minimum(_end_min(meals) + _AFTERMATH_MIN, _followed_min(meals, horizon_min))

@@ -90,10 +90,10 @@ _ALARMS: Final = tuple(
 
 def results_of(config: Detection, progress: Callable[[str], None]) -> Results:
     """Simulate the days, try the estimators on them, and score what they say."""
-    return _findings(config, evaluate(config, progress))
+    return _results(config, evaluate(config, progress))
 
 
-def _findings(config: Detection, scores: Scores) -> Results:
+def _results(config: Detection, scores: Scores) -> Results:
     """Numbers of all estimators; a number without meals is null."""
     columns = {name: [pl.lit(name).alias("estimator"), pl.all()] for name in scores.by_estimator}
     tables = {

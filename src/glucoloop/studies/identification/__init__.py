@@ -56,7 +56,7 @@ class ModelRequest(Situation):
     amplitude_mU_min: Annotated[
         float | None,
         _experiment(
-            "Height of the pulses, at most the basal rate; by default that usual for the patient.",
+            "Height of the pulses, at most the basal rate; by default that of the patient.",
             above=0.0,
             at_most=10_000.0,
             quantity=RATE_CHANGE,
@@ -92,7 +92,7 @@ class ModelRequest(Situation):
     laguerre_functions: Annotated[int | None, _of_model(LAGUERRE_FUNCTIONS)] = None
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The request with what is usual for the patient; what suits a record is chosen by the record."""
+        """The request with the defaults of the patient; what suits a record is chosen by the record."""
         given = self.explicit
         unused, what = (
             (_EXPERIMENT, "is about the simulated patient, but there is a record; leave one out")

@@ -125,7 +125,7 @@ class League(Component):
         return () if "controllers" in self.explicit else tuple(name for name, part in CONTROLLERS.items() if part.slow)
 
     def tree(self, *, whole: bool = False) -> Tree:
-        """Given settings as plain values; what is usual of a controller depends on the cell and is not among them."""
+        """Given settings as plain values; defaults of a controller depend on the cell, and are not among them."""
         results = super().tree(whole=whole)
         if whole:
             results |= {"controllers": [case.tree() for case in self.controllers], "reference": self.reference.tree()}

@@ -78,7 +78,7 @@ REPLAY: Final = PlainStudy(
     name="replay",
     what="a replay",
     help=(
-        "Live the days of a record again on the person's twin, with the doses of a controller in place of those that "
+        "Simulate the days of a record again on the person's twin, with doses of a controller in place of those that "
         "were given.\n\n"
         "Meals are those of the record, announced when they were entered. Beside each controller stand the recorded "
         "glucose, and the twin under the recorded doses: the difference from the latter, person by person of the "

@@ -278,7 +278,7 @@ class SearchEngine:
     def check(self, tuning: Mapping[str, float]) -> tuple[pl.DataFrame, dict[str, Scores]]:
         """The chosen, the initial and the reference tunings on subjects outside the search: each subject, and scores.
 
-        Nothing is told of a tuning that the design refuses.
+        A tuning that the design refuses is left out.
         """
         config = self.config
         subjects = draw_subjects(

@@ -98,7 +98,7 @@ STRESS: Final = TrialStudy(
     module="glucoloop.studies.stress.study",
     request=StressTest,
     option_texts={
-        "default": {"faults": "23 usual ones", "days": ""},
+        "default": {"faults": "23 faults", "days": ""},
         "help": {
             "seed": "The same seed gives the same people, meals and noise.",
             "workers": "Threads that compute.",

@@ -173,7 +173,7 @@ _MAX_NAMED: Final = 20
 
 
 def notes(config: StressTest) -> tuple[str, ...]:
-    """Notes on boluses into a vein, and on rhythms."""
+    """Notes on intravenous boluses, and on rhythms."""
     return (*intravenous_boluses(config), *steady_without_rhythm(config))
 
 

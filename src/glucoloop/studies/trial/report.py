@@ -111,7 +111,7 @@ class TrialReport:
     """Results by label, in the order shown."""
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL
     units_per_hour: bool = False
-    """Whether figures for print show insulin in U/h too, as pumps do that give it under the skin."""
+    """Whether figures for print show insulin in U/h too, as for subcutaneous pumps."""
     meals: Sequence[tuple[float, float]] = ()
     """Planned time in min and carbohydrate in g of each meal."""
     exercise: Sequence[Exercise] = ()
@@ -119,9 +119,9 @@ class TrialReport:
     faults: Sequence[str] = ()
     """Faults of sensor and pump under every controller."""
     length_min: float = 0.0
+    """Length of the run, where weeks are shown."""
     start_min: float = 0.0
     """Time of day at the start, after midnight."""
-    """Length of the run, where weeks are told."""
     repeat: Repeat | None = None
     """Command and configuration that repeat the trial."""
 

@@ -78,7 +78,7 @@ def trial_of(config: Trial) -> Trial:
 
 
 def notes(config: Trial) -> tuple[str, ...]:
-    """Notes on boluses into a vein, and on rhythms."""
+    """Notes on intravenous boluses, and on rhythms."""
     return (*intravenous_boluses(config), *steady_without_rhythm(config))
 
 

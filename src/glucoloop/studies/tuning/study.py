@@ -62,7 +62,7 @@ class _Searched:
 
     surface: TuningSurface
     printed: TuningRank
-    """Rank of the tuning that is usual for the patient; for the patient of 1999 it is the printed one."""
+    """Rank of the default tuning of the patient; for the patient of 1999 it is the printed one."""
     model: ModelFile | None = None
 
 

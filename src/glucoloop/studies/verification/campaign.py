@@ -196,7 +196,7 @@ class _RandomFaults:
         values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
         if entry.idle:
             values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
-        return usual.replaced(**values, **({"schedule": episodes} if hasattr(usual, "schedule") else {}))
+        return usual.replaced(**values, **({"episodes": episodes} if "episodes" in usual.derived_names() else {}))
 
     def texts(self, person: int) -> list[str]:
         """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""

@@ -84,7 +84,7 @@ class _NonsenseArm:
 
 
 def notes(config: Verification) -> tuple[str, ...]:
-    """Sentence on boluses into a vein, where controllers were chosen."""
+    """Sentence on intravenous boluses, where controllers were chosen."""
     if config.nonsense is not None or not config.controllers:
         return ()
     chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in config.controllers)
@@ -96,12 +96,12 @@ class _Part:
     """Loops of one controller, with a guard or without, or at one sample time and precision of a nonsense test."""
 
     result: dict[str, Any]
-    """Its ``arm``, and of a guarded one ``guarding``, as `run_campaign` and `run_nonsense` yield them."""
+    """The ``arm``, and of a guarded one ``guarding``, as `run_campaign` and `run_nonsense` yield them."""
     seconds: float
 
 
 def _arms_of(config: Verification) -> list[dict[str, Any]]:
-    """What identifies the parts, in their order: the controller, and the guard or the timing."""
+    """Names of the parts in their order: the controller, and the guard or the timing."""
     timings = [
         {"sample_time_min": sample_time, "precision": precision} for sample_time, precision in config.guard_timings()
     ]
@@ -187,7 +187,7 @@ class _Campaign:
 
 
 def files_of(config: Verification, results: Results) -> dict[str, bytes]:
-    """No page and no figure."""
+    """Further files: none, for there is no page and no figure."""
     del config, results
     return {}
 
