@@ -133,6 +133,16 @@ def test_one_sensor_by_two_uploaders_counts_once(read, names, shift):
     assert sum(record.left_out.values()) == 200
 
 
+@pytest.mark.parametrize("shift", [1, 2])
+def test_a_second_uploader_of_the_same_name_for_some_days(read, shift):
+    one, other = entries("share2", 0, 0, 900), entries("share2", 0, shift, 900)
+    for place, (first, second) in enumerate(zip(one, other, strict=True)):
+        first["sgv"] = second["sgv"] = 100 + place // 10 % 60
+    record = read(json.dumps(one + other[:200]))
+    assert record.frame.height == 900
+    assert record.left_out == {"readings of the same sensor by another uploader": 200}
+
+
 def test_sensors_that_disagree_are_shown_and_chosen(read, refused):
     first, other = entries("Dexcom G7", 0), entries("xDrip-LibreReceiver", 0, 1)
     for place, (one, two) in enumerate(zip(first, other, strict=True)):
@@ -388,6 +398,20 @@ def test_an_export_of_glooko_is_one_person(read, tmp_path, folder):
     assert record.frame["bolus_U"].sum() == 5.75
     assert str([rate for _, rate in rates_of(record)]) == "[0.8, 0.0, nan]"
     assert "1 file of the folder or ZIP that no reader knows: not read." in record.notes
+
+
+def test_a_folder_of_people_is_people_and_not_merged(tmp_path):
+    for number in range(3):
+        (tmp_path / f"p{number}.csv").write_text(clarity(20 + number))
+    (tmp_path / "p4").mkdir()
+    (tmp_path / "p4" / "entries.json").write_text(nightscout_entries())
+    treatments = nightscout_treatments((START, {"eventType": "Bolus", "insulin": 1.0}))
+    (tmp_path / "p4" / "treatments.json").write_text(treatments)
+    people = read_people(tmp_path)
+    assert [record.frame["glucose_mg_dl"].count() for record in people.values()] == [20, 21, 22, 40]
+    assert people["p4"].frame["bolus_U"].sum() == 1.0
+    with pytest.raises(gl.Refusal, match="it is of 4 people"):
+        gl.read_record(tmp_path)
 
 
 def test_a_damaged_zip_and_an_empty_one_are_refused(refused):

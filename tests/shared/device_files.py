@@ -165,6 +165,37 @@ def ohio(**lists):
     return f'{head}<patient id="{SERIAL}" weight="99" insulin_type="Novalog">\n{parts}\n</patient>\n'
 
 
+def glooko(count=40):
+    """Glooko's file of the sensor."""
+    rows = [f"{time:%Y-%m-%d %H:%M},{glucose(n)},{SERIAL}" for n, time in enumerate(every(5, count))]
+    head = f"Name:{NAME} {SURNAME},Date Range:2024-03-13 - 2024-03-14"
+    return "\n".join([head, "Timestamp,CGM Glucose Value (mg/dl),Serial Number", *rows]) + "\n"
+
+
+def azt1d(count=40):
+    """AZT1D: readings with a basal rate in each row, a bolus and a meal."""
+    names = "EventDateTime,DeviceMode,BolusType,Basal,CorrectionDelivered,TotalBolusInsulinDelivered,FoodDelivered"
+    rows = [
+        f"{time:%Y-%m-%d %H:%M:%S},,{'Standard' if n == 3 else ''},0.8,,{2.5 if n == 3 else ''},,"
+        f"{30 if n == 3 else ''},{glucose(n)}"
+        for n, time in enumerate(every(5, count))
+    ]
+    return "\n".join([f"{names},CarbSize,CGM", *rows]) + "\n"
+
+
+def t1d_uom(count=40):
+    """T1D-UOM's file of glucose."""
+    rows = [f"{time:%d/%m/%Y %H:%M},{glucose(n) / 18.0:.1f}" for n, time in enumerate(every(5, count))]
+    return "\n".join(["bg_ts,value", *rows]) + "\n"
+
+
+def hupa_ucm(count=40):
+    """HUPA-UCM: readings with the insulin of each 5 min."""
+    names = "time;glucose;calories;heart_rate;steps;basal_rate;bolus_volume_delivered;carb_input"
+    rows = [f"{time:%Y-%m-%dT%H:%M:%S};{glucose(n)};5;70;0;0.05;0;0" for n, time in enumerate(every(5, count))]
+    return "\n".join([names, *rows]) + "\n"
+
+
 _SENSOR = [(time, {"Sensor Glucose": str(glucose(number))}) for number, time in enumerate(every(5, 30))]
 FILES = {
     "clarity": clarity(30),
@@ -172,6 +203,10 @@ FILES = {
     "carelink": carelink([(START, {"Basal Rate": "1,0"})], _SENSOR),
     "nightscout": nightscout_entries(30),
     "tidepool": tidepool(30),
+    "glooko": glooko(30),
+    "azt1d": azt1d(30),
+    "t1d-uom": t1d_uom(30),
+    "hupa-ucm": hupa_ucm(30),
     "ohio": ohio(glucose_level=[{"ts": f"{time:%d-%m-%Y %H:%M:%S}", "value": "100"} for time in every(5, 30)]),
 }
 """A file of each vendor, with 30 readings."""

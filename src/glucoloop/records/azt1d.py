@@ -1,4 +1,4 @@
-"""CSV of the data set AZT1D: a row for each reading, with boluses, carbohydrate and basal rates in the nearest row.
+"""CSV of the data set AZT1D: a row for every reading, with boluses, carbohydrate and basal rates in the nearest row.
 
 Glucose in mg/dl every 5 min on a local clock, the whole dose of each bolus (``CorrectionDelivered`` and
 ``FoodDelivered`` are its parts), carbohydrate in g, and the basal rate until the next row that has one, in U/h; in some

@@ -10,11 +10,17 @@ from glucoloop.records.account import Account
 
 TOGETHER_S: Final = 120.0
 """Longest time between the same amount in two apps."""
+
 _AMOUNTS: Final = {
     "bolus_U": "boluses that another app has within 2 min",
     "long_acting_U": "doses of long-acting insulin that another app has within 2 min",
     "carbs_g": "carbohydrate that another app has within 2 min",
 }
+
+
+def source_of() -> pl.Expr:
+    """Device or app of each row; the file itself where that does not tell it."""
+    return pl.coalesce("source", pl.format("file {}", "file"))
 
 
 def each_dose_once(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
@@ -23,15 +29,15 @@ def each_dose_once(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
     The same amount within two minutes from another source is the same dose; the same source may give it twice.
     """
     for name, words in _AMOUNTS.items():
-        if frame.filter(pl.col(name).is_not_null(), pl.col("source").is_not_null()).height > 1:
+        if frame.filter(pl.col(name).is_not_null()).height > 1:
             frame = account.without_value(frame, _repeated(frame, name), name, words)
     return frame
 
 
 def _repeated(frame: pl.DataFrame, name: str) -> pl.Series:
     """Whether the amount of each row is that of an earlier row from another source."""
-    own = frame.with_row_index("_place").filter(pl.col(name).is_not_null(), pl.col("source").is_not_null())
-    own = own.sort(name, "at", maintain_order=True)
+    own = frame.with_row_index("_place").filter(pl.col(name).is_not_null()).sort(name, "at", maintain_order=True)
+    own = own.with_columns(source=source_of())
     amounts, sources = own[name].to_list(), own["source"].to_list()
     seconds = (own["at"].to_physical() / 1e6).to_list()
     counted: list[tuple[int, set[str]]] = []

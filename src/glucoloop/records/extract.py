@@ -35,7 +35,7 @@ class Extract:
     zones: tuple[str, ...] = ()
     """Time zones that the file tells of the person."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Units of the other columns, where they are not those of the record."""
+    """Units of the other columns by name, where they are not those of the record."""
     largest_basal_U_h: float = 35.0
     """Largest basal rate that is possible; no pump gives more than 35 U/h."""
     limits_mg_dl: tuple[float, float] = (40.0, 400.0)

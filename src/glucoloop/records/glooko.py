@@ -33,6 +33,7 @@ class Glooko(ReaderComponent, name="glooko"):
     """CSV files that Glooko exports in a ZIP, or that ZIP."""
 
     in_parts: ClassVar = True
+    in_exports: ClassVar = True
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has one of the headers of Glooko."""

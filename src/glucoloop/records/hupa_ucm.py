@@ -1,4 +1,4 @@
-"""CSV of the data set HUPA-UCM: a row every 5 min with glucose, insulin and carbohydrate, divided by semicolons.
+"""CSV of the data set HUPA-UCM, with a row every 5 min with glucose, insulin and carbohydrate, divided by semicolons.
 
 Glucose in mg/dl, ``basal_rate`` the basal insulin of the 5 min in U, ``bolus_volume_delivered`` in U, ``carb_input``
 in portions of 10 g. Glucose is interpolated to the 5 min by those who published it.

@@ -21,6 +21,8 @@ class ReaderComponent(Component):
     kind: ClassVar = "reader"
     in_parts: ClassVar[bool] = False
     """Whether what it reads of a person comes as several files, of which one alone has the readings."""
+    in_exports: ClassVar[bool] = False
+    """Whether all files of a folder are the export of one person, however many have readings."""
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file is one of its kind."""

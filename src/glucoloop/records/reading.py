@@ -20,7 +20,7 @@ from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.readers import READERS
 from glucoloop.records.record import PARQUET, DeviceRecord, FileRefusal, record_from_parquet
 from glucoloop.records.tidy import record_of, settled
-from glucoloop.records.user_files import UserFile, files_of
+from glucoloop.records.user_files import ZIP, UserFile, files_of
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many, printable
 
@@ -36,6 +36,11 @@ class _Recognised:
 
 def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> dict[str, DeviceRecord]:
     """Record of each person by name, an empty one for files of one person; FileRefusal if there is none."""
+    if len(paths) == 1 and paths[0].is_dir():
+        people = _people_of(paths[0])
+        if len(people) > 1:
+            each = {path.name: read_files([path], reader, answers) for path in people}
+            return {f"{name} {who}".strip(): record for name, of_one in each.items() for who, record in of_one.items()}
     chosen = None if reader is None else READERS.choose(reader)
     files: list[UserFile] = []
     for path in paths:
@@ -151,12 +156,32 @@ def _record(
         raise FileRefusal(list(dict.fromkeys(paths)), whose) from None
 
 
+def _people_of(folder: Path) -> list[Path]:
+    """File or folder of each person of a folder, as a report has them; the folder where its files are of one person."""
+    inside = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    files = [path for path in inside if path.is_file() and _is_known(path)]
+    people = sorted([*files, *(path for path in inside if path.is_dir())])
+    return [folder] if len(people) == len(files) and (len(files) < 2 or are_of_one_person(files)) else people
+
+
+def _is_known(path: Path) -> bool:
+    """Whether a file is one with records, by its form; one that cannot be read is, and is refused later."""
+    try:
+        data = read_bytes(path)
+        if not data.startswith((PARQUET, ZIP)):
+            reader_of(content_of(data), Answers())
+    except Refusal as error:
+        return not error.problem.startswith("no reader knows it")
+    return True
+
+
 def are_of_one_person(paths: Sequence[Path]) -> bool:
     """Whether files are parts of what a program exports of one person, of which one alone has readings.
 
     Refusal where several have readings and others none, since nothing says which belong together.
     """
     parts: list[bool] = []
+    exports = True
     for path in paths:
         try:
             data = read_bytes(path)
@@ -164,10 +189,13 @@ def are_of_one_person(paths: Sequence[Path]) -> bool:
             reader = reader_of(content, Answers())
             if not reader.in_parts:
                 return False
+            exports = exports and reader.in_exports
             alone = reader.with_profiles(content, Answers()) is None
             parts.append(alone and bool(reader.rows(content, Answers()).frame["glucose"].is_not_null().any()))
         except Refusal:
             return False
+    if exports:
+        return True
     if all(parts) or len(parts) < 2:
         return False
     if sum(parts) > 1:

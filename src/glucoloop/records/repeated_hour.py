@@ -20,8 +20,9 @@ Floats = npt.NDArray[np.float64]
 
 _MAX_STEPS_BACK: Final = 12
 """Number of steps back in time up to which the rows of a file are in the order of time."""
-_MONTHS, _SUNDAY, _LAST_HOUR = (3, 4, 9, 10, 11), 7, 3
-"""Clocks go back on a Sunday of one of these months, in the first hours of the day, in all but a few countries."""
+_CHANGES: Final = {4: (1, 7), 10: (25, 31), 11: (1, 7)}
+_SUNDAY, _LAST_HOUR = 7, 3
+"""Clocks go back in the first hours of a Sunday of these days of months, in all but a few countries."""
 _MG_DL: Final = 5.0
 """Change of glucose from a reading to the next one that counts as much as half a step too late."""
 
@@ -84,10 +85,18 @@ def _interleaved(rows: pl.DataFrame, zone: str | None) -> list[list[int]]:
         )
     else:
         full = full.filter(
-            pl.col("hour").dt.month().is_in(_MONTHS),
+            pl.any_horizontal(
+                (pl.col("hour").dt.month() == month) & pl.col("hour").dt.day().is_between(*days)
+                for month, days in _CHANGES.items()
+            ),
             pl.col("hour").dt.weekday() == _SUNDAY,
             pl.col("hour").dt.hour() <= _LAST_HOUR,
         )
+        beside = [
+            full.join(hours, left_on=pl.col("hour").dt.offset_by(by), right_on="hour", how="left")
+            for by in ("-1h", "1h")
+        ]
+        full = full.filter(*(one["count_right"].fill_null(0) < 1.5 * usual for one in beside))
     if full.height > _MAX_STEPS_BACK:
         return []
     minutes = (rows["time"].to_physical() / (1e6 * S_PER_MIN)).to_numpy()

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.records.account import Account
+from glucoloop.records.doubles import source_of
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many, printable, the_first
 from glucoloop.units import MIN_PER_H, S_PER_MIN
@@ -33,6 +34,8 @@ _FEWEST: Final = 12
 _LONGEST_STEP_MIN: Final = 30.0
 _BESIDE: Final = 0.9
 """Part of a step from another stream's reading within which one at the edge of a gap is beside it."""
+_MAX_WAYS: Final = 3
+"""Largest number of streams that are told apart under one name."""
 _REGULAR: Final = 0.8
 """Share of steps that are alike in a regular stream."""
 
@@ -65,7 +68,8 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
         t=pl.col("at").to_physical() / (1e6 * S_PER_MIN),
         glucose="glucose_mg_dl",
         device="device",
-        source=pl.coalesce("source", "device").fill_null(""),
+        source=source_of(),
+        named=pl.col("source").is_not_null(),
     ).filter("reading")
     if not read.height:
         if device is not None:
@@ -101,30 +105,48 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
 
 
 def _parted(rows: pl.DataFrame) -> list[pl.DataFrame]:
-    """Streams that one source sends under one name, each at regular steps; the source itself where it is one."""
+    """Streams that one source sends under one name, each at regular steps; the source itself where it is one.
+
+    A table that names no source is one: nothing says that it holds more than it was made to hold.
+    """
     t = rows["t"].to_numpy()
-    if t.size < 3 * _FEWEST or _regular(np.diff(t)) is not None:
+    step = _step_of_several(t) if rows["named"].all() else None
+    if step is None:
         return [rows]
-    for ways in (2, 3):
-        step = _regular(t[ways:] - t[:-ways])
-        if step is None or not 1.0 < step <= _LONGEST_STEP_MIN:
-            continue
-        chains: list[float] = []
-        which = np.zeros(t.size, dtype=np.int64)
-        for place, moment in enumerate(t.tolist()):
-            late = [abs(moment - last - step * max(1, round((moment - last) / step))) for last in chains]
-            near = int(np.argmin(late)) if late else -1
-            free = [n for n, last in enumerate(chains) if moment - last > _REGULAR * step]
-            if near >= 0 and near in free and late[near] <= (1.0 - _REGULAR) * step:
-                which[place] = near
-            elif len(chains) < ways:
-                which[place] = len(chains)
-                chains.append(moment)
-            else:
-                which[place] = min(free, key=lambda n: late[n]) if free else near
-            chains[which[place]] = moment
-        return rows.with_columns(pl.Series("_way", which)).partition_by("_way")
-    return [rows]
+    chains: list[float] = []
+    which = np.zeros(t.size, dtype=np.int64)
+    for place, moment in enumerate(t.tolist()):
+        late = [abs(moment - last - step * max(1, round((moment - last) / step))) for last in chains]
+        free = [n for n, last in enumerate(chains) if moment - last > _REGULAR * step]
+        near = min(free, key=lambda n: late[n]) if free else -1
+        if near >= 0 and (late[near] <= (1.0 - _REGULAR) * step or len(chains) == _MAX_WAYS):
+            which[place] = near
+        elif len(chains) < _MAX_WAYS:
+            which[place] = len(chains)
+            chains.append(moment)
+        else:
+            which[place] = int(np.argmin(late))
+        chains[which[place]] = moment
+    parts = rows.with_columns(pl.Series("_way", which)).partition_by("_way")
+    regular = all(_regular(np.diff(part["t"].to_numpy())) is not None for part in parts if part.height > _FEWEST)
+    return parts if regular else [rows]
+
+
+def _step_of_several(t: Floats) -> float | None:
+    """Step of streams that stand interleaved in one; None where it is one stream, or not made of regular ones."""
+    if t.size < 3 * _FEWEST:
+        return None
+    lags = [np.rint(t[ways:] - t[:-ways]) for ways in range(1, _MAX_WAYS + 1)]
+    best, covered = 0.0, -1
+    for step in np.unique(np.concatenate([lag[lag <= _LONGEST_STEP_MIN] for lag in lags])):
+        if step > 1.0:
+            there = np.zeros(t.size, dtype=bool)
+            for lag in lags:
+                there[: lag.size] |= np.abs(lag - step) <= 0.1 * step
+            if np.count_nonzero(there) > covered + 0.02 * t.size:
+                best, covered = float(step), int(np.count_nonzero(there))
+    extra = np.count_nonzero(lags[0] < _REGULAR * best)
+    return best if covered >= _REGULAR * t.size and extra >= _FEWEST else None
 
 
 def _regular(steps: Floats) -> float | None:

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from glucoloop.records.file_text import LARGEST_BYTES, read_bytes
 from glucoloop.refusal import Refusal
 
-_ZIP: Final = b"PK\x03\x04"
+ZIP: Final = b"PK\x03\x04"
 _MAX_FILES: Final = 1000
 _OFFICE: Final = "[Content_Types].xml"
 
@@ -34,7 +34,7 @@ def files_of(path: Path) -> list[UserFile]:
             raise Refusal(f"it is a folder of {len(inside)} files, and at most {_MAX_FILES} can be read; divide it")
         return [file._replace(of_many=True) for one in inside for file in files_of(one)]
     data = read_bytes(path)
-    return _unpacked(path, data) if data.startswith(_ZIP) else [UserFile(path, data)]
+    return _unpacked(path, data) if data.startswith(ZIP) else [UserFile(path, data)]
 
 
 def _unpacked(path: Path, data: bytes) -> list[UserFile]:
