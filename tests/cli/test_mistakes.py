@@ -481,6 +481,12 @@ def test_closed_streams_are_no_bug(tmp_path):
         assert done.stdout == ""
 
 
+def test_a_reader_that_leaves_ends_a_command_in_silence(tmp_path):
+    line = f"{sys.executable} -m glucoloop list --json | head -c 10 >/dev/null; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("141\n", "")
+
+
 @pytest.mark.long
 def test_platform_that_jax_does_not_have_is_told(tmp_path):
     done = subprocess.run(

@@ -15,7 +15,7 @@ from typing import Final
 
 import glucoloop
 from glucoloop.cli.command import Command
-from glucoloop.cli.errors import BUG, COMMAND, KEPT_RESULTS, interrupted, mistake, sentence
+from glucoloop.cli.errors import BUG, COMMAND, KEPT_RESULTS, interrupted, mistake, reader_left, sentence
 from glucoloop.cli.interrupts import catching_interrupts
 from glucoloop.cli.screen import note, print_text, width_of_text
 from glucoloop.component.code import loaded, only_code
@@ -86,8 +86,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         try:
             with catching_interrupts():
                 code = _carry_out(arguments)
+                sys.stdout.flush()
         except KeyboardInterrupt:
             interrupted()
+        except BrokenPipeError:
+            reader_left()
         except Exception as error:
             message = sentence(error)
             if message is None:
