@@ -47,8 +47,8 @@ class T1dUom(ReaderComponent, name="t1d-uom"):
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of one of the files of a person."""
-        found = ((of, content.header(*names, whole=True)) for of, names in _HEADERS.items())
-        what, place = next(((of, place) for of, place in found if place is not None), ("", None))
+        places = ((of, content.header(*names, whole=True)) for of, names in _HEADERS.items())
+        what, place = next(((of, place) for of, place in places if place is not None), ("", None))
         if place is None:
             raise Refusal("it has no header of T1D-UOM, as bg_ts and value; give it as published")
         table = content.table(place)
