@@ -20,8 +20,8 @@ class TightRange(Metric, name="tight-range"):
 
     @property
     def results(self):
-        name = f"time_{self.low_mg_dl}_{self.high_mg_dl}_pct"
-        return (Result(name, "Percentage of time in the range.", title="Time in a narrow range", unit="%"),)
+        low, high = self.low_mg_dl, self.high_mg_dl
+        return (Result(f"time_{low}_{high}_pct", "Time in the range.", f"Time from {low} to {high} mg/dl", "%"),)
 
     def init(self, trajectory, glucose_mg_dl, insulin_mU_min):
         return jnp.zeros_like(glucose_mg_dl)

@@ -106,7 +106,7 @@ class Trial(FedSituation):
     meals: Annotated[
         tuple[str, ...],
         _meals(
-            "Carbohydrate and time of the day, like 45g@7h; repeat it for more meals; none for no meal, own for each "
+            "Carbohydrate and time of day, like 45g@7h; repeat it for more; none for no meal, own for each "
             "person's own day.",
             flag="--meal",
             metavar="G@TIME",
