@@ -36,7 +36,7 @@ _LENGTH_LOG: Final = 0.5
 """Distance of logarithms of time constants over which the weights are alike."""
 _COMMON: Final = (0.0, 0.8)
 """Correlation of all weights with each other: that of responses of either sign, and of responses of mostly one."""
-_GAINS: Final = 2.0 ** np.arange(-1, 5)
+_GAINS: Final[Floats] = 2.0 ** np.arange(-1.0, 5.0)
 """Standard deviations of the prior of the gain, in units of mean glucose for the mean rate of insulin."""
 _NOISES: Final = (
     (0.0, 0.0),
@@ -89,7 +89,8 @@ def gain_interval(
     parts = []
     for ar, ma in _NOISES:
         white = lfilter([1.0, -ar], [1.0, -ma], table, axis=0)
-        parts.append(_posterior(white[:, 0], *np.split(white[:, 1:], [unknown.shape[1]], axis=1), priors, deviations))
+        readings, others, responding = np.split(white, [1, 1 + unknown.shape[1]], axis=1)
+        parts.append(_posterior(readings[:, 0], others, responding, priors, deviations))
     means, errors, logs = (np.concatenate(part) for part in zip(*parts, strict=True))
     weights = np.exp(logs - logs.max())
     shown_min = _SLOWEST * readings_mg_dl.size * sample_time_min
