@@ -83,7 +83,7 @@ def reliability(columns: Floats, readings: Floats, gain: float, interval: tuple[
     misfit = float(held_out_errors(columns, readings).sum())
     return Reliability(
         gain_margin=max(abs(end - gain) for end in interval),
-        explained_percent=100.0 * (1.0 - misfit / variation) if variation else 0.0,
+        explained_percent=100.0 * (1.0 - misfit / variation) if np.ptp(readings) else 0.0,
     )
 
 
