@@ -38,10 +38,14 @@ def test_the_gain_of_a_slow_system_is_found(tau_min, starts_at_rest):
     assert found.doubts() == ()
 
 
+def covers_or_is_refused(found):
+    return abs(float(found.model.gain) + 5.0) < found.reliability.gain_margin or bool(found.doubts())
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("starts_at_rest", [True, False])
 @pytest.mark.parametrize(("tau_min", "samples"), [(500.0, 576), (800.0, 576), (300.0, 250)])
-def test_the_margin_reaches_the_gain_of_a_system_that_is_too_slow_for_the_record(tau_min, samples, starts_at_rest):
+def test_the_margin_reaches_the_gain_of_a_system_that_is_too_slow_or_it_is_refused(tau_min, samples, starts_at_rest):
     for seed in range(10, 14):
         found = identify_record(
             first_order(-5.0, tau_min, samples, seed=seed),
@@ -49,7 +53,7 @@ def test_the_margin_reaches_the_gain_of_a_system_that_is_too_slow_for_the_record
             basal_insulin_mU_min=25.0,
             starts_at_rest=starts_at_rest,
         )
-        assert abs(float(found.model.gain) + 5.0) < found.reliability.gain_margin
+        assert covers_or_is_refused(found)
 
 
 @pytest.mark.long
@@ -76,26 +80,25 @@ def test_the_papers_patient_keeps_the_papers_functions(noise):
         assert (basis.memory, basis.pole, basis.functions, basis.subcutaneous) == (36, 0.84, 2, False)
 
 
-def skin_record(hours, insulin, noise, seed, half_min=210.0):
-    """Record of two depots of 50 min and a lag of glucose, with a gain of -5 and half of it after a time."""
-
-    def of(tau_min):
-        t_min, taus = np.arange(0.0, 20000.0, 5.0), np.array([50.0, 50.01, tau_min])
-        return 1.0 - sum(
-            np.exp(-t_min / tau) * np.prod([tau / (tau - other) for other in taus if other != tau]) for tau in taus
-        )
-
-    step = of(
-        brentq(lambda tau_min: np.interp(0.5, of(tau_min), np.arange(0.0, 20000.0, 5.0)) - half_min, 30.0, 2000.0)
+def step_of(tau_min):
+    """Step response of two depots of 50 min and a lag, with a gain of 1."""
+    t_min, taus = np.arange(0.0, 20000.0, 5.0), np.array([50.0, 50.01, tau_min])
+    return 1.0 - sum(
+        np.exp(-t_min / tau) * np.prod([tau / (tau - other) for other in taus if other != tau]) for tau in taus
     )
+
+
+def skin_record(hours, insulin, noise, seed, half_min=210.0, slow_min=None):
+    """Record of a person with a gain of -5, half of it after a time; or two fifths of it with a far slower lag."""
+    t_min = np.arange(0.0, 20000.0, 5.0)
+    if slow_min is None:
+        step = step_of(brentq(lambda tau_min: np.interp(0.5, step_of(tau_min), t_min) - half_min, 30.0, 2000.0))
+    else:
+        step = 0.6 * step_of(80.0) + 0.4 * step_of(slow_min)
     samples = 12 * hours
     glucose = 120.0 + np.append(0.0, np.convolve(insulin, -5.0 * np.diff(step))[:samples])
     glucose += noise * np.random.default_rng(seed).standard_normal(samples + 1)
     return Record(insulin_mU_min=jnp.asarray(25.0 + insulin), glucose_mg_dl=jnp.asarray(glucose), sample_time_min=5.0)
-
-
-def covers_or_is_refused(found):
-    return abs(float(found.model.gain) + 5.0) < found.reliability.gain_margin or bool(found.doubts())
 
 
 @pytest.mark.parametrize("keywords", [{}, {"subcutaneous": True}, {"memory": 72}])
@@ -124,19 +127,25 @@ def test_the_margin_reaches_the_gain_where_functions_end_before_the_response():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("hours", "half_min", "hold_samples", "noise"),
-    [(48, 210.0, 6, 1.2), (48, 210.0, 1, 1.2), (48, 120.0, 1, 5.0)],
+    ("hours", "hold_samples", "noise", "response"),
+    [
+        (48, 6, 1.2, {}),
+        (48, 1, 1.2, {}),
+        (48, 1, 5.0, {"half_min": 120.0}),
+        (48, 6, 3.0, {"slow_min": 400.0}),
+        (72, 6, 3.0, {"slow_min": 1000.0}),
+    ],
 )
-def test_the_interval_covers_the_true_gain_or_the_model_is_refused(hours, half_min, hold_samples, noise):
+def test_the_interval_covers_the_true_gain_and_most_models_are_accepted(hours, hold_samples, noise, response):
     accepted = covered = 0
     for seed in range(100):
-        record = skin_record(hours, held_input(hours, hold_samples, seed), noise, seed, half_min)
+        record = skin_record(hours, held_input(hours, hold_samples, seed), noise, seed, **response)
         found = identify_record(record, "least-squares", basal_insulin_mU_min=25.0)
         if not found.doubts():
             accepted += 1
             covered += abs(float(found.model.gain) + 5.0) < found.reliability.gain_margin
     assert covered >= 0.9 * accepted
-    assert accepted >= 30
+    assert accepted >= 70
 
 
 @pytest.mark.long

@@ -82,7 +82,7 @@ def chosen(bases: Iterable[Basis], regression: Callable[[Basis], tuple[Floats, F
             continue
         if readings.size > columns.shape[1]:
             possible.append(basis)
-            errors.append(held_out_errors(columns, readings)[0])
+            errors.append(held_out_errors(columns, readings))
     if not possible:
         return first
     best = int(np.argmin([float(error.mean()) for error in errors]))

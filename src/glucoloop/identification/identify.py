@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -16,16 +15,12 @@ from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.identification import _check
 from glucoloop.identification.basis import Basis, candidates, chosen
+from glucoloop.identification.gain_interval import gain_interval
 from glucoloop.identification.impulse_response import cross_correlation, least_squares
-from glucoloop.identification.laguerre import laguerre_coefficients, laguerre_realisation, laguerre_sum
+from glucoloop.identification.laguerre import laguerre_coefficients, laguerre_realisation
 from glucoloop.identification.meal_response import meal_columns, meal_impulse_response, meal_memory
 from glucoloop.identification.record import Record
-from glucoloop.identification.reliability import (
-    Reliability,
-    doubts,
-    margin_of_slower_functions,
-    reliability,
-)
+from glucoloop.identification.reliability import Reliability, doubts, reliability
 from glucoloop.identification.subcutaneous_response import filtered_input, subcutaneous_basis, subcutaneous_coefficients
 from glucoloop.models.step_response import StepResponseModel, lagged_inputs
 from glucoloop.refusal import Refusal
@@ -197,39 +192,30 @@ def identify_record(
     constant = jnp.ones((len(readings), int(free_baseline)))
     # Cross-correlation takes the mean reading for the baseline, as the paper does.
     other_inputs = meals if by_pulses and not in_skin else jnp.concatenate([meals, constant], axis=1)
-    sought, of_gain = past, np.ones(memory)
+    sought = past
     if rows is not None:
         endless = laguerre_realisation(np.ones(rows.shape[0]), pole, memory) is not None
         sought = past @ rows.T
         if starts_at_rest and endless and not (by_pulses and not in_skin):
             sought = jnp.asarray(filtered_input(insulin, pole, rows.shape[0]))
             coefficients = jnp.linalg.lstsq(_left(sought, other_inputs)[0], _left(readings, other_inputs)[0])[0]
-        of_gain = np.full(rows.shape[0], laguerre_sum(pole)) if endless else np.asarray(rows.sum(axis=1))
     if rows is not None and in_skin:
         columns, left = (np.asarray(_left(part, other_inputs)[0]) for part in (sought, readings))
         coefficients = jnp.asarray(subcutaneous_coefficients(columns, left, pole, rows.shape[0], memory))
-        combinations = subcutaneous_basis(pole, rows.shape[0], memory)
-        sought, of_gain = sought @ combinations, of_gain @ combinations
+        sought = sought @ subcutaneous_basis(pole, rows.shape[0], memory)
     smoothed = estimate if rows is None or coefficients is None else rows.T @ coefficients
     network = None if coefficients is None else laguerre_realisation(coefficients, pole, memory)
     model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, realisation=network)
 
-    columns, left = np.concatenate([sought, meals, constant], axis=1), np.asarray(readings)
-    of_gain = np.append(of_gain, np.zeros(meals.shape[1] + free_baseline))
-    quality = reliability(columns, left, of_gain)
-    slower = margin_of_slower_functions(
+    interval = gain_interval(
         np.asarray(insulin),
-        left,
-        columns,
-        of_gain,
-        float(model.gain),
-        functions=sought.shape[1],
-        pole=pole,
+        np.asarray(readings),
+        np.asarray(meals),
         sample_time_min=record.sample_time_min,
+        gain_scale=_gain_scale(record),
         starts_at_rest=starts_at_rest,
-        by_pulses=method == "csrs",
     )
-    quality = dataclasses.replace(quality, gain_margin=max(quality.gain_margin, slower))
+    columns = np.concatenate([sought, meals, constant], axis=1)
 
     left_by_estimate, _ = _left(readings - past @ estimate, other_inputs)
     left_by_model, of_other_inputs = _left(readings - model.predict(insulin)[first:], other_inputs)
@@ -245,7 +231,7 @@ def identify_record(
         estimate_rms_mg_dl=_rms(left_by_estimate),
         model_rms_mg_dl=_rms(left_by_model),
         meal_impulse_response=meal_impulse_response(of_other_inputs[: meals.shape[1]], record.sample_time_min),
-        reliability=quality,
+        reliability=reliability(columns, np.asarray(readings), float(model.gain), interval),
         method=method,
     )
 
@@ -301,6 +287,12 @@ def _left(readings: Array, columns: Array) -> tuple[Array, Array]:
         return readings, jnp.zeros(0)
     coefficients = jnp.linalg.lstsq(columns, readings)[0]
     return readings - columns @ coefficients, coefficients
+
+
+def _gain_scale(record: Record) -> float:
+    """Mean glucose for the mean rate of insulin, at least 1 mg/dl of glucose."""
+    glucose, insulin = np.asarray(record.glucose_mg_dl), np.asarray(record.insulin_mU_min)
+    return float(max(abs(glucose.mean()), 1.0) / np.abs(insulin).mean())
 
 
 def _median_rate(record: Record, median_will_do: bool) -> float:

@@ -1,47 +1,26 @@
-"""Reliability of an identified gain, by the delete-block jackknife and cross-validation.
+"""Reliability of an identified model: how far its gain may be off, and what it predicts of readings not seen.
 
-The readings are divided into contiguous blocks. The response is fitted again without each block in turn; how the gain
-differs from fit to fit gives its standard error, and how well each fit predicts the block that it has not seen gives
-the variance explained. Blocks, not single readings, are left out because what a model leaves of glucose is correlated
-over hours (meals that nobody wrote down, exercise, drift), so that the usual standard errors are far too small.
+The margin of the gain reaches both ends of the interval that the record leaves open, see `gain_interval`. For the
+variance explained the readings are divided into contiguous blocks, and the response is fitted again without each block
+in turn. Blocks, not single readings, are left out because what a model leaves of glucose is correlated over hours
+(meals that nobody wrote down, exercise, drift).
 
-The jackknife tells how a fit varies, not what its functions cannot say: those that end too early give a gain that is
-too small, and always the same. So the response is fitted again with one function beside those of the fit that is twice
-as slow, and the margin reaches the end of the interval of that gain, as in the bias-corrected intervals of Calonico,
-Cattaneo and Titiunik (2014). It reaches further where the record lets still slower functions stand, beside those of the
-fit or in their place: the record does not say where the response ends, or says that it ends later.
-
-H. R. Künsch, "The jackknife and the bootstrap for general stationary observations", Ann. Statist. 17(3), 1217-1241,
-1989. S. Calonico, M. D. Cattaneo, R. Titiunik, "Robust nonparametric confidence intervals for regression-discontinuity
-designs", Econometrica 82(6), 2295-2326, 2014. A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable
-Feedback Control, 2nd ed., 2005, Sec. 2.4.3.
+A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, Sec. 2.4.3.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtrit
 
 from glucoloop._pytree import pytree
-from glucoloop.identification.laguerre import laguerre_sum
-from glucoloop.identification.subcutaneous_response import filtered_input
+from glucoloop.identification.gain_interval import CONFIDENCE
 
 Floats = npt.NDArray[np.float64]
 
 BLOCKS: Final = 10
-CONFIDENCE: Final = 0.95
-_LONGEST_TAU_MIN: Final = 1000.0
-"""Longest time constant of the slower functions, four times that of the slowest that a record chooses."""
-_LONGEST_BESIDE: Final = 1 / 2
-_LONGEST_IN_PLACE: Final = 1 / 4
-"""Longest time constants of slower functions, in lengths of the record: of slower ones it does not show the end."""
-_SLOW_FUNCTIONS: Final = 2
-_MAX_SLOW_FUNCTIONS: Final = 8
-"""Slower functions are as many as those of the fit, so that they say as much of how the response begins."""
 _NEGLIGIBLE: Final = 1e-9
 """Share of the largest singular value below which others are left out of a fit: without a block, a column may be empty.
 """
@@ -52,7 +31,7 @@ class Reliability:
     """Quality of an identified model according to the record."""
 
     gain_margin: float
-    """Half the width of the 95 % confidence interval of the gain [mg/dl per mU/min]."""
+    """Distance of the gain to the farther end of the 95 % interval of the person's gain [mg/dl per mU/min]."""
     explained_percent: float
     """Part of the variance of left-out readings that the fit predicts: 100 is perfect, 0 as good as a mean."""
 
@@ -98,121 +77,23 @@ def doubts(
     return tuple(result)
 
 
-def reliability(columns: Floats, readings: Floats, gain_of: Floats) -> Reliability:
-    """Fit a regression again without each of ten blocks of readings; the gain is `gain_of` times coefficients."""
-    errors, gains, spreads = held_out_errors(columns, readings)
-    misfit, variation = float(errors.sum()), float(spreads.sum())
+def reliability(columns: Floats, readings: Floats, gain: float, interval: tuple[float, float]) -> Reliability:
+    """Quality of a model by its regression, its gain and the interval of the person's gain."""
+    variation = float(held_out_errors(np.ones((readings.size, 1)), readings).sum())
+    misfit = float(held_out_errors(columns, readings).sum())
     return Reliability(
-        gain_margin=_student(gains.size) * _estimate(columns, readings, gain_of)[1],
-        explained_percent=100.0 * (1.0 - misfit / variation) if variation else 0.0,
+        gain_margin=max(abs(end - gain) for end in interval),
+        explained_percent=100.0 * (1.0 - misfit / variation) if np.ptp(readings) else 0.0,
     )
 
 
-def margin_of_slower_functions(
-    insulin_deviation: Floats,
-    readings: Floats,
-    columns: Floats,
-    of_gain: Floats,
-    gain: float,
-    *,
-    functions: int,
-    pole: float,
-    sample_time_min: float,
-    starts_at_rest: bool,
-    by_pulses: bool = False,
-) -> float:
-    """Margin of a gain that reaches what slower functions say, where the record lets them stand; else 0.
-
-    Insulin ``(N,)`` is of the whole record, and `readings` ``(n,)`` are its last ones. The first `functions` of the
-    `columns` ``(n, K)`` of the fit are responses to insulin, of functions with a pole; `of_gain` ``(K,)`` is the share
-    of each coefficient in the gain.
-
-    A function beside those of the fit that is twice as slow always stands; a slower one does where its coefficient
-    differs from 0. Slower functions in place of those of the fit stand where they predict left-out readings as well,
-    within one standard error, and where the first function of the fit has no coefficient beside them that differs
-    from 0. The pulses of an experiment (`by_pulses`) are made for the response, and determine slower functions badly
-    by least squares: of these only those count whose gain differs from 0 and that predict left-out readings better, by
-    one standard error.
-    """
-    errors = held_out_errors(columns, readings)[0]
-    student, length_min = _student(errors.size), insulin_deviation.size * sample_time_min
-    number = functions if _SLOW_FUNCTIONS <= functions <= _MAX_SLOW_FUNCTIONS else _SLOW_FUNCTIONS
-    k = np.arange(readings.size)[:, None] / readings.size
-    twice_min, *slower_min = _slower_min(-sample_time_min / math.log(pole))
-    margin = 0.0
-    for tau_min in (twice_min, *slower_min):
-        slow = math.exp(-sample_time_min / tau_min)
-        responses = filtered_input(insulin_deviation, slow, number)[-readings.size :]
-        # what is left of insulin before the record, of one function and of all
-        left = slow ** (readings.size * k) * k ** np.arange(0 if starts_at_rest else number)
-        others, of_others = columns[:, functions:], of_gain[functions:]
-        nothing, share = np.zeros(left.shape[1]), laguerre_sum(slow)
-        beside = np.concatenate([responses[:, :1], left[:, :1], columns], axis=1)
-        in_place = np.concatenate([responses, left, others], axis=1)
-        alternatives = []
-        if tau_min == twice_min or (
-            tau_min <= _LONGEST_BESIDE * length_min and _first_differs_from_0(beside, readings, student)
-        ):
-            alternatives.append((beside, np.concatenate([[share], nothing[:1], of_gain])))
-        if tau_min == twice_min or tau_min <= _LONGEST_IN_PLACE * length_min:
-            worse = held_out_errors(in_place, readings)[0] - errors
-            as_good = worse.mean() <= worse.std(ddof=1) / math.sqrt(worse.size)
-            with_first = np.concatenate([columns[:, :1], in_place], axis=1)
-            if as_good and not _first_differs_from_0(with_first, readings, student):
-                alternatives.append((in_place, np.concatenate([np.full(number, share), nothing, of_others])))
-        for regressors, of_regressors in alternatives:
-            slower, error = _estimate(regressors, readings, of_regressors)
-            gains = errors - held_out_errors(regressors, readings)[0]
-            if not by_pulses or (student * error < abs(slower) and _predicts_better(gains)):
-                margin = max(margin, abs(slower - gain) + student * error)
-    return margin
-
-
-def _predicts_better(gains: Floats) -> bool:
-    """Whether errors on left-out blocks are smaller by more than one standard error."""
-    return bool(gains.mean() > gains.std(ddof=1) / math.sqrt(gains.size))
-
-
-def _first_differs_from_0(columns: Floats, readings: Floats, student: float) -> bool:
-    """Whether the coefficient of the first column differs from 0."""
-    coefficient, error = _estimate(columns, readings, np.eye(columns.shape[1])[0])
-    return abs(coefficient) > student * error
-
-
-def _slower_min(tau_min: float) -> list[float]:
-    """Time constants of two, four, .. times one, up to the longest that a record is asked about."""
-    doublings = max(2, math.floor(math.log2(_LONGEST_TAU_MIN / tau_min)))
-    return [tau_min * 2.0**k for k in range(1, doublings + 1)]
-
-
-def _student(blocks: int) -> float:
-    return float(stdtrit(blocks - 1, (1.0 + CONFIDENCE) / 2.0))
-
-
-def _estimate(columns: Floats, readings: Floats, of: Floats) -> tuple[float, float]:
-    """A sum `of` coefficients, and its standard error by the jackknife."""
-    without = held_out_errors(columns, readings, of)[1]
-    error = np.sqrt((without.size - 1) / without.size * np.sum((without - without.mean()) ** 2))
-    return float(of @ _coefficients(columns, readings)), float(error)
-
-
-def _coefficients(columns: Floats, readings: Floats) -> Floats:
-    return np.asarray(np.linalg.lstsq(columns, readings, rcond=_NEGLIGIBLE)[0], np.float64)
-
-
-def held_out_errors(columns: Floats, readings: Floats, gain_of: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-    """Errors of fits that have not seen one of ten blocks of readings, on that block.
-
-    They are the sum of squared errors on each block, the gain of the fit without it (0 without `gain_of`), and the sum
-    of squares about the mean of the others.
-    """
+def held_out_errors(columns: Floats, readings: Floats) -> Floats:
+    """Sums of squared errors on each of ten blocks of readings, of a fit that has not seen the block."""
     blocks = np.array_split(np.arange(readings.size), min(BLOCKS, readings.size))
-    errors, gains, spreads = np.zeros((3, len(blocks)))
+    errors = np.zeros(len(blocks))
     for number, block in enumerate(blocks):
         remaining = np.ones(readings.size, bool)
         remaining[block] = False
-        coefficients = _coefficients(columns[remaining], readings[remaining])
-        gains[number] = 0.0 if gain_of is None else gain_of @ coefficients
+        coefficients = np.linalg.lstsq(columns[remaining], readings[remaining], rcond=_NEGLIGIBLE)[0]
         errors[number] = np.sum((readings[block] - columns[block] @ coefficients) ** 2)
-        spreads[number] = np.sum((readings[block] - readings[remaining].mean()) ** 2)
-    return errors, gains, spreads
+    return errors
