@@ -18,7 +18,7 @@ OTHERS = {
     "DeprecationWarning",
     "NaN",
     "T1DSimGymnaisumEnv",
-    "CoarseSettings",
+    "PtID",
 }
 """Names that are none of our classes: of Python, of other libraries, and that of an example to be written."""
 GROUPS = {

@@ -14,7 +14,7 @@ def metrics_of(value, **changed):
 def test_one_person_is_a_short_table_with_units():
     lines = str(metrics_of(1.25, minimum_mg_dl=63.21, settled_2pct=True, settling_2pct_min=345.0)).splitlines()
     assert lines[0].split() == ["Time", "from", "70", "to", "180", "mg/dl", "1.2", "%"]
-    assert any(line.split() == ["Least", "glucose", "63.2", "mg/dl"] for line in lines)
+    assert any(line.split() == ["Minimum", "glucose", "63.2", "mg/dl"] for line in lines)
     assert any(line.split() == ["Settling,", "2", "%", "band", "345", "min"] for line in lines)
     assert max(map(len, lines)) <= 60
 

@@ -31,7 +31,7 @@ def person_column(frame: pl.DataFrame, used: set[str], times: pl.Series, answers
         name = by_text.get(answers.person_column.strip().casefold())
         if name is None:
             raise Refusal(
-                f"it has no column {answers.person_column!r}; give person_column (--person-column) as it stands"
+                f"it has no column {answers.person_column!r}", "give person_column (--person-column) as it stands"
             )
         return name
     free = [name for name in frame.columns if name not in used]
@@ -50,6 +50,7 @@ def person_column(frame: pl.DataFrame, used: set[str], times: pl.Series, answers
         raise Refusal(
             "it has the same times more than once, as a table of several people has",
             f"name the column that says whose each row is with person_column (--person-column), as {telling[0]!r}",
+            "write each person's record with `glucoloop records --person-column`",
         )
     return None
 

@@ -122,8 +122,9 @@ def _people(files: Sequence[_Recognised], extracts: Sequence[Extract]) -> list[s
             if not own:
                 with refusing(file.path):
                     raise Refusal(
-                        f"it does not say whose its rows are, and the other files are of {len(names)} people; name its "
-                        "column of people with person_column (--person-column)"
+                        f"it does not say whose its rows are, and the other files are of {len(names)} people",
+                        "name its column of people with person_column (--person-column)",
+                        "give files of one person alone",
                     )
         return names
     return [""]

@@ -73,7 +73,7 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
     ).filter("reading")
     if not read.height:
         if device is not None:
-            raise Refusal(f"device is {device!r}, and there are no readings; leave it out (--device)")
+            raise Refusal(f"device is {device!r}, and there are no readings", "leave it out (--device)")
         return frame
     streams = _labelled([part for group in read.partition_by("source") for part in _parted(group.sort("t"))])
     if len(streams) > 1:
@@ -184,7 +184,9 @@ def _only(frame: pl.DataFrame, streams: list[_Stream], device: str, account: Acc
     chosen = [stream for stream in streams if stream.label.casefold() == device.casefold()]
     if not chosen:
         names = list(dict.fromkeys(printable(stream.label) for stream in streams))
-        raise Refusal(f"device is {device!r}, and the readings are of {the_first(names)}; give one of these (--device)")
+        raise Refusal(
+            f"device is {device!r}, and the readings are of {the_first(names)}", "give one of these (--device)"
+        )
     keep = np.concatenate([stream.places for stream in chosen])
     other = np.ones(frame.height, dtype=bool)
     other[keep] = False
