@@ -60,7 +60,7 @@ function inWords(panel, unit, start) {
     const least = at(low, low.indexOf(Math.min(...low.filter(Number.isFinite))));
     const most = at(high, high.indexOf(Math.max(...high.filter(Number.isFinite))));
     const gaps = low.some(Number.isNaN) ? ", with times without a value" : "";
-    return `${of.name}: least ${least}${of.person === undefined ? `, greatest ${most}` : ""}${gaps}`;
+    return `${of.name}: minimum ${least}${of.person === undefined ? `, maximum ${most}` : ""}${gaps}`;
   });
   return `${panel.name}. ${courses.join("; ")}`;
 }

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-_MARK: Final = re.compile(r"(\d+)\+(\d+)")
+_MARK: Final = re.compile(r"§(\d+)\+(\d+)§")
 """Pattern of an element of an array without a place yet: number of the array, and of the element."""
 
 
@@ -20,7 +20,7 @@ _Lives = dict[int, tuple[int, int]]
 
 def mark(number: int, element: int) -> str:
     """Text of an element of an array that has no place yet."""
-    return f"{number}+{element}"
+    return f"§{number}+{element}§"
 
 
 @dataclass(frozen=True)
