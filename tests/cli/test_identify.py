@@ -87,18 +87,19 @@ def test_a_record_that_says_nothing_of_insulin_gives_no_model_to_use(glucoloop, 
 
 
 @pytest.mark.long
-def test_meals_of_a_record_are_fitted_and_kept(glucoloop, tmp_path, moved):
-    insulin, glucose = moved
-    t_min = 5.0 * np.arange(300)
-    raised = np.where(t_min > 400, 60 * (t_min - 400) / 80 * np.exp(1 - (t_min - 400) / 80), 0.0)
-    written(tmp_path / "r.csv", insulin, glucose + raised)
+def test_meals_of_a_record_are_fitted_and_kept(glucoloop, tmp_path):
+    patient, begins = gl.patient(), (80, 250, 420)
+    insulin = float(patient.basal_insulin_mU_min) + np.repeat(np.random.default_rng(0).uniform(-10, 10, 100), 6)
+    since = np.maximum(5.0 * (np.arange(600)[:, None] - begins), 0.0)
+    raised = (60.0 * since / 80.0 * np.exp(1.0 - since / 80.0)).sum(axis=1)
+    written(tmp_path / "r.csv", insulin, np.asarray(gl.excite(patient, insulin).glucose_mg_dl)[:600] + raised)
     rows = (tmp_path / "r.csv").read_text().splitlines()
     (tmp_path / "r.csv").write_text(
-        "\n".join([f"{rows[0]},carbs_g", *(f"{row},{50 if k == 80 else ''}" for k, row in enumerate(rows[1:]))])
+        "\n".join([f"{rows[0]},carbs_g", *(f"{row},{50 if k in begins else ''}" for k, row in enumerate(rows[1:]))])
     )
-    options = ("--basal-insulin", float(gl.patient().basal_insulin_mU_min))
+    options = ("--basal-insulin", float(patient.basal_insulin_mU_min))
     answer = glucoloop("identify", "--data", "r.csv", "--out", "m", "--json", *options)
-    assert "Meals: 1 with 50 g in all" in answer.err
+    assert "Meals: 3 with 150 g in all" in answer.err
     assert answer.json["doubts"] == []
     assert answer.json["fit"]["gain_mg_dl_per_mU_min"] == pytest.approx(-2.7, abs=0.4)
     again = glucoloop("identify", "--data", "m/record.csv", "--json", *options)
