@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import glucoloop as gl
+from glucoloop import control
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, on_host, random_key
 from glucoloop.control import Decision, Observation, design_open_loop, design_pid
 from glucoloop.sensors import IdealSensor
@@ -250,3 +251,9 @@ def test_functions_in_a_tree_are_kept_apart_from_its_numbers():
 def test_a_sample_time_of_ones_own_is_checked(sample_time, sentence):
     with pytest.raises(ValueError, match=sentence):
         sample_time_of(Odd(None, sample_time))
+
+
+@pytest.mark.parametrize("controller", [control.PID(), control.LinearMPC(), control.MPCSE(), control.MealMPC()])
+def test_a_controller_without_a_design_is_refused(controller):
+    with pytest.raises(TypeError, match="has settings and no design; make it with its method designed, or"):
+        gl.simulate(gl.patient(), controller)

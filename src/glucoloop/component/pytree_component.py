@@ -148,6 +148,11 @@ class PytreeComponent(Component):
             getattr(whole, name)  # refuses what cannot be
         return whole
 
+    def is_designed(self) -> bool:
+        """Whether all that methods need besides the settings is there; a field that may be None is not needed."""
+        fields = (field for field in dataclasses.fields(typing.cast(Any, self)) if WIRING in field.metadata)
+        return all(getattr(self, field.name) is not None or "None" in str(field.type) for field in fields)
+
     @classmethod
     def takes(cls, name: str) -> bool:
         """Whether an object can be connected to what has this name."""

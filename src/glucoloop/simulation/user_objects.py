@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from glucoloop._disk_cache import kept_result
 from glucoloop.arguments import ArgumentTypeError, at_once, is_traced
+from glucoloop.component.pytree_component import PytreeComponent
 from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.patients.capabilities import takes_exercise
@@ -125,6 +126,8 @@ def needs_values(name: str, error: BaseException) -> str:
 def wrong_with(controller: Controller, observation: Observation) -> str | None:
     """Reason why a user's controller cannot be stepped in a loop, or None."""
     name = type(controller).__name__
+    if isinstance(controller, PytreeComponent) and not controller.is_designed():
+        return f"{name} has settings and no design; make it with its method designed, or a function like gl.design_pid"
     try:
         state = jax.eval_shape(lambda observation: controller.init(observation), observation)
         answer = jax.eval_shape(lambda state, seen: controller.step(state, seen), state, observation)
