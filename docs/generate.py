@@ -20,7 +20,7 @@ import numpy as np
 import safety
 
 import glucoloop
-from glucoloop import units
+from glucoloop import plugin, units
 from glucoloop.cli import app
 from glucoloop.cli.option import CommandOption
 from glucoloop.component.setting import Default, value_text
@@ -339,14 +339,16 @@ def record_columns() -> str:
     return ", ".join(map(code, RECORD_COLUMNS)) + "\n"
 
 
-def everyday() -> str:
+def names_of(package: ModuleType) -> str:
+    """A table of what a module takes from others: each name with its place and its first sentence."""
     rows = []
-    for name in sorted(glucoloop.__all__, key=str.lower):
-        thing = getattr(glucoloop, name)
+    for name in sorted(package.__all__, key=str.lower):
+        thing = getattr(package, name)
         if isinstance(thing, ModuleType):
             continue
-        place = f"{thing.__module__}.{thing.__qualname__}"
-        rows.append(f"   * - :py:obj:`{name} <{place}>`\n     - {first_sentence(thing).replace('`', '``')}")
+        is_constant = not hasattr(thing, "__qualname__")
+        link = f"``{name}``" if is_constant else f":py:obj:`{name} <{thing.__module__}.{thing.__qualname__}>`"
+        rows.append(f"   * - {link}\n     - {first_sentence(thing).replace('`', '``')}")
     return "\n".join([".. list-table::", "   :widths: 30 70", "", *rows]) + "\n"
 
 
@@ -372,6 +374,8 @@ def api(folder: Path) -> dict[Path, str]:
         layer = f"glucoloop.{info.name}"
         inside = modules(importlib.import_module(layer))
         parts = [*heading(layer, "="), f".. automodule:: {layer}", "" if inside else "   :members:", ""]
+        if layer == plugin.__name__:  # whose names stand on the pages of their modules
+            parts = [*heading(layer, "="), f".. automodule:: {layer}", "", names_of(plugin)]
         if len(inside) <= MAX_MODULES_OF_A_PAGE:
             for name in inside:
                 parts += [*heading(name, "-"), *module(name)]
@@ -428,7 +432,7 @@ def write_all(docs: Path) -> None:
         made / "hazards.md": safety.hazards(SafetyFile.read()),
         made / "requirements.md": safety.requirements(SafetyFile.read()),
         made / "record-columns.md": record_columns(),
-        made / "everyday.rst": everyday(),
+        made / "everyday.rst": names_of(glucoloop),
         made / "lab.html": pack.page(),
         **commands(docs / "commands"),
         **api(docs / "api"),

@@ -37,9 +37,10 @@ class OdePatient(RestingPatient[dict[str, Any]]):
 
     - ``nominal``, the constants by name, which ``derivative`` finds in ``self.parameters``: numbers, or arrays
       ``(people,)`` of those that vary;
-    - ``near_rest``, a state near the one at steady state ``(states,)``, and ``near_basal_mU_min``, the rate that goes
-    with it; - ``derivative(t_min, x, inputs)``, the rate of change of the state ``(states, ...)`` per minute at a time
-    of day; - ``glucose_mg_dl(x)``, the glucose that is controlled;
+    - ``near_rest``, a state near the one at steady state ``(states,)``, and ``near_basal_mU_min``, the rate that
+      goes with it;
+    - ``derivative(t_min, x, inputs)``, the rate of change of the state ``(states, ...)`` per minute at a time of day;
+    - ``glucose_mg_dl(x)``, the glucose that is controlled;
 
     and what is optional of any patient, such as ``insulin_route``, ``sites`` or ``meal_model``. Equations of the clock
     rest with the clock at midnight. With ``takes_exercise = True`` the derivative may read ``inputs.exercise_pct``,
