@@ -195,10 +195,14 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
     if reasons and not situation.allow_unusual:
         identification = case.identified
         variance = identification.noise_variance
-        noise = f"with noise of variance {variance:g}" if variance else "without noise"
+        sensors = ", ".join(sensor.name for sensor in situation.record_sensor(0.0))
+        read = f" through the sensor {sensors}" if sensors else " without noise"
+        noise = f" with noise of variance {variance:g}" if variance else read
         usual = situation.patient.identification(situation.sample_time_min)["memory"]
-        problem = f"no controller should be designed on the model that is identified {noise}. {' '.join(reasons)}"
-        mend = "identify it with less noise, like --model 'noise_variance=0'"
+        problem = f"no controller should be designed on the model that is identified{noise}. {' '.join(reasons)}"
+        mend = "give another one with --model, as `glucoloop identify --out m` writes it"
+        if variance:
+            mend = "identify it with less noise, like --model 'noise_variance=0'"
         if identification.memory is not None and identification.memory < usual:
             short = f"A memory of {identification.memory} samples is short for {situation.patient.display_name}"
             problem += f" {short} ({usual} are usual)"
