@@ -6,16 +6,17 @@ import importlib
 import io
 import os
 import re
+import signal
 import sys
 import textwrap
 import traceback
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Final
+from typing import Final, NoReturn
 
 import glucoloop
 from glucoloop.cli.command import Command
-from glucoloop.cli.errors import BUG, COMMAND, KEPT_RESULTS, interrupted, mistake, reader_left, sentence
+from glucoloop.cli.errors import BUG, COMMAND, KEPT_RESULTS, interrupted, mistake, sentence
 from glucoloop.cli.interrupts import catching_interrupts
 from glucoloop.cli.screen import note, print_text, width_of_text
 from glucoloop.component.code import loaded, only_code
@@ -90,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         except KeyboardInterrupt:
             interrupted()
         except BrokenPipeError:
-            reader_left()
+            _reader_left()
         except Exception as error:
             message = sentence(error)
             if message is None:
@@ -98,6 +99,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 raise
             mistake(message)
         sys.exit(code)
+
+
+def _reader_left() -> NoReturn:
+    """Exit as other programs do whose output nobody reads any more, as with ``| head``: in silence."""
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (Python would try again at the end)
+    sys.exit(128 + signal.SIGPIPE if hasattr(signal, "SIGPIPE") else 1)
 
 
 def _is_allowed(arguments: Sequence[str]) -> Callable[[str], bool]:

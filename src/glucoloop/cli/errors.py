@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Iterator
@@ -92,12 +91,6 @@ def interrupted(message: str | None = None) -> NoReturn:
     # nobody had caught it. The next exec takes the mark away.
     exec("")
     sys.exit(130)
-
-
-def reader_left() -> NoReturn:
-    """Exit as other programs do whose output nobody reads any more, as with ``| head``: in silence."""
-    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (Python would try again at the end)
-    sys.exit(128 + signal.SIGPIPE if hasattr(signal, "SIGPIPE") else 1)
 
 
 def _of_the_system(error: OSError) -> str | None:
