@@ -14,11 +14,11 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, extract_frame
-from glucoloop.records.file_text import CellTable, FileText
+from glucoloop.records.file_text import FileText
 from glucoloop.records.insulins import is_long_acting
+from glucoloop.records.localised_table import UNITS, LocalisedTable
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.refusal import Refusal
 
 _HEADERS: Final = (("Index", "Timestamp", "Event Type", "Glucose Value"), ("Index", "Zeitstempel", "Glukosewert"))
 _NAMES: Final = {
@@ -59,7 +59,26 @@ _KINDS: Final = {
     "Health": "events of health",
     "Note": "notes",
 }
-_UNITS: Final = ("mmol/l", "mg/dl")
+
+
+def _place_by_form(content: FileText) -> tuple[int, str] | None:
+    """Place of a header in any language: fields by place, the unit of glucose in the eighth, times in the second."""
+    for place, fields in content.fields:
+        if len(fields) < _FEWEST_FIELDS or not any(unit in fields[7] for unit in UNITS):
+            continue
+        if any(unit in text for unit in UNITS for text in fields[:7]):
+            continue
+        number, delimiter = place
+        rows = [line.split(delimiter) for line in content.head[number + 1 :] if line.strip()]
+        times = pl.Series([row[1].strip(' "') for row in rows if len(row) > 1 and row[0].strip(' "').isdecimal()])
+        if len(times) and times.cast(pl.String).str.contains(_ISO).any():
+            return place
+    return None
+
+
+_FORM: Final = LocalisedTable(
+    _HEADERS, _NAMES, _PLACES, _place_by_form, "glucose", "Dexcom Clarity, Index, Timestamp, Event Type"
+)
 
 
 class DexcomClarity(ReaderComponent, name="dexcom-clarity"):
@@ -67,32 +86,24 @@ class DexcomClarity(ReaderComponent, name="dexcom-clarity"):
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has the header of Clarity."""
-        return any(content.header(*names) for names in _HEADERS) or _place_by_form(content) is not None
+        return _FORM.recognised(content)
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of an export of Clarity."""
-        place = next((result for names in _HEADERS if (result := content.header(*names))), None)
-        by_form = _place_by_form(content) if place is None else None
-        if place is None and by_form is None:
-            raise Refusal("it has no header of Dexcom Clarity, Index, Timestamp, Event Type and so on; export it again")
-        table = content.table(place or by_form)  # type: ignore[arg-type]
-        names = {name: table.column(*starts) for name, starts in _NAMES.items()} if place else _names_by_place(table)
-        glucose = (names["glucose"] or "").casefold()
-        unit = next((unit for unit in _UNITS if unit in glucose), None)
-        frame = table.frame.select(**{name: table.texts(column) for name, column in names.items()})
+        read = _FORM.rows(content)
+        frame = read.frame
         times, notes = times_of(frame["time"], answers)
         readings: tuple[str, ...] = _READINGS
         insulins: tuple[str, ...] = _INSULIN
         carbs: tuple[str, ...] = _CARBS
-        if place is None:
+        if not read.is_known:
             readings, insulins, carbs = (_types_with(frame, name) for name in ("glucose", "insulin", "carbs"))
             readings = readings[:1]  # finger pricks have glucose too, and are fewer
-            notes.append("Its language is not known here: its columns were taken by their place, as in all languages.")
         insulin = pl.col("type").is_in(insulins)
         words = pl.col("subtype").str.to_lowercase()
         slow = words.is_in(_SLOW)
         fast = ~slow & (pl.col("subtype").is_null() | words.is_in(_FAST))
-        if place is None:
+        if not read.is_known:
             slow, fast = _kinds_by_words(frame)
         head = pl.col("time").is_null() & ~pl.col("type").is_in((*readings, *insulins, *carbs))
         kind = (
@@ -107,7 +118,7 @@ class DexcomClarity(ReaderComponent, name="dexcom-clarity"):
             frame=extract_frame(
                 frame,
                 times,
-                table.spoilt,
+                read.table.spoilt,
                 glucose=pl.when(pl.col("type").is_in(readings)).then("glucose"),
                 carbs=pl.when(pl.col("type").is_in(carbs)).then("carbs"),
                 bolus=pl.when(insulin & fast).then("insulin"),
@@ -116,29 +127,9 @@ class DexcomClarity(ReaderComponent, name="dexcom-clarity"):
                 source=pl.concat_str("source", "transmitter", separator="|", ignore_nulls=True),
                 kind=kind,
             ),
-            glucose_unit=unit,
-            notes=(*table.notes, *notes),
+            glucose_unit=read.glucose_unit,
+            notes=(*read.notes, *notes),
         )
-
-
-def _place_by_form(content: FileText) -> tuple[int, str] | None:
-    """Place of a header in any language: fields by place, the unit of glucose in the eighth, times in the second."""
-    for place, fields in content.fields:
-        if len(fields) < _FEWEST_FIELDS or not any(unit in fields[7] for unit in _UNITS):
-            continue
-        if any(unit in text for unit in _UNITS for text in fields[:7]):
-            continue
-        number, delimiter = place
-        rows = [line.split(delimiter) for line in content.head[number + 1 :] if line.strip()]
-        times = pl.Series([row[1].strip(' "') for row in rows if len(row) > 1 and row[0].strip(' "').isdecimal()])
-        if len(times) and times.cast(pl.String).str.contains(_ISO).any():
-            return place
-    return None
-
-
-def _names_by_place(table: CellTable) -> dict[str, str | None]:
-    columns = table.frame.columns
-    return {name: columns[place] if place < len(columns) else None for name, place in _PLACES.items()}
 
 
 def _types_with(frame: pl.DataFrame, name: str) -> tuple[str, ...]:

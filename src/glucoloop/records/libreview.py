@@ -16,10 +16,10 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, extract_frame
-from glucoloop.records.file_text import CellTable, FileText
+from glucoloop.records.file_text import FileText
+from glucoloop.records.localised_table import UNITS, LocalisedTable
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.refusal import Refusal
 
 _HEADERS: Final = (
     ("Device Timestamp", "Record Type", "Historic Glucose"),
@@ -52,7 +52,25 @@ _FEWEST_FIELDS: Final = 14
 _HISTORIC, _SCAN, _INSULIN, _FOOD = "0", "1", "4", "5"
 _TYPES: Final = tuple("0123456")
 _KINDS: Final = {"2": "strips", "3": "entries of other kinds", "6": "notes and other entries"}
-_UNITS: Final = ("mmol/l", "mg/dl")
+
+
+def _place_by_form(content: FileText) -> tuple[int, str] | None:
+    """Place of a header in any language: stored readings beside scans, both with the unit, and rows of types."""
+    for place, fields in content.fields:
+        if len(fields) < _FEWEST_FIELDS or not all(any(unit in text for unit in UNITS) for text in fields[4:6]):
+            continue
+        number, delimiter = place
+        rows = [line.split(delimiter) for line in content.head[number + 1 :] if line.strip()][:5]
+        if rows and all(
+            len(row) > _PLACES["type"] and row[3].strip().strip('"') in _TYPES for row in rows[:-1] or rows
+        ):
+            return place
+    return None
+
+
+_FORM: Final = LocalisedTable(
+    _HEADERS, _NAMES, _PLACES, _place_by_form, "historic", "LibreView, Device Timestamp, Record Type"
+)
 
 
 class LibreView(ReaderComponent, name="libreview"):
@@ -60,22 +78,13 @@ class LibreView(ReaderComponent, name="libreview"):
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has the header of LibreView."""
-        return any(content.header(*names) for names in _HEADERS) or _place_by_form(content) is not None
+        return _FORM.recognised(content)
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of an export of LibreView."""
-        place = next((result for names in _HEADERS if (result := content.header(*names))), None)
-        by_form = _place_by_form(content) if place is None else None
-        if place is None and by_form is None:
-            raise Refusal("it has no header of LibreView, Device Timestamp, Record Type and so on; export it again")
-        table = content.table(place or by_form)  # type: ignore[arg-type]
-        names = {name: table.column(*starts) for name, starts in _NAMES.items()} if place else _names_by_place(table)
-        historic = (names["historic"] or "").casefold()
-        unit = next((unit for unit in _UNITS if unit in historic), None)
-        frame = table.frame.select(**{name: table.texts(column) for name, column in names.items()})
+        read = _FORM.rows(content)
+        frame = read.frame
         times, notes = times_of(frame["time"], answers)
-        if place is None:
-            notes.append("Its language is not known here: its columns were taken by their place, as in all languages.")
         kind = pl.col("type")
         keep_scans = answers.scans or not frame.filter(kind == _HISTORIC)["historic"].is_not_null().any()
         no_value = (
@@ -95,7 +104,7 @@ class LibreView(ReaderComponent, name="libreview"):
             frame=extract_frame(
                 frame,
                 times,
-                table.spoilt,
+                read.table.spoilt,
                 glucose=glucose,
                 carbs=pl.when(kind == _FOOD).then("carbs"),
                 bolus=pl.when(kind == _INSULIN).then("rapid"),
@@ -104,26 +113,7 @@ class LibreView(ReaderComponent, name="libreview"):
                 source=pl.concat_str("device", "serial", separator="|", ignore_nulls=True),
                 kind=no_value,
             ),
-            glucose_unit=unit,
-            notes=(*table.notes, *notes),
+            glucose_unit=read.glucose_unit,
+            notes=(*read.notes, *notes),
             limits_mg_dl=(40.0, 500.0),
         )
-
-
-def _place_by_form(content: FileText) -> tuple[int, str] | None:
-    """Place of a header in any language: stored readings beside scans, both with the unit, and rows of types."""
-    for place, fields in content.fields:
-        if len(fields) < _FEWEST_FIELDS or not all(any(unit in text for unit in _UNITS) for text in fields[4:6]):
-            continue
-        number, delimiter = place
-        rows = [line.split(delimiter) for line in content.head[number + 1 :] if line.strip()][:5]
-        if rows and all(
-            len(row) > _PLACES["type"] and row[3].strip().strip('"') in _TYPES for row in rows[:-1] or rows
-        ):
-            return place
-    return None
-
-
-def _names_by_place(table: CellTable) -> dict[str, str | None]:
-    columns = table.frame.columns
-    return {name: columns[place] if place < len(columns) else None for name, place in _PLACES.items()}
