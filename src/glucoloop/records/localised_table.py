@@ -43,7 +43,7 @@ class LocalisedTable:
     glucose: str
     """Our name of a column whose header has the unit of glucose."""
     export: str
-    """What a file without such a header lacks, for the refusal."""
+    """Columns that a file without such a header lacks, for the refusal."""
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has such a header."""
