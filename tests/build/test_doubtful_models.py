@@ -36,7 +36,9 @@ def test_a_record_has_its_own_noise_and_none_of_the_sensor():
 def test_no_sensor_of_the_package_leaves_the_nominal_model_in_doubt():
     for name in SENSORS:
         skin = dataclasses.replace(usual_situation("hovorka-2004"), sensor=(SENSORS[name]().completed(),), seed=1)
-        quiet = dataclasses.replace(usual_case("mpc", skin), model=usual_case("mpc", usual_situation("hovorka-2004")).model)
+        quiet = dataclasses.replace(
+            usual_case("mpc", skin), model=usual_case("mpc", usual_situation("hovorka-2004")).model
+        )
         assert not nominal_model(skin, quiet).doubts(), name
 
 
