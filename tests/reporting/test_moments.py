@@ -14,7 +14,6 @@ from glucoloop.reporting.descriptions import run_facts
 from glucoloop.reporting.periods import moment_text, period_text, periods_text
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
-from glucoloop.pages.script import PAGES
 
 NODE = shutil.which("node")
 
@@ -58,5 +57,7 @@ def test_pages_tell_the_same_moments():
 
 
 def test_a_length_of_days_is_told_in_days():
-    lengths = [run_facts(run, run.case)["Length"] for run in (configured(Run, duration_min=n) for n in (600, 1440, 7230))]
+    lengths = [
+        run_facts(run, run.case)["Length"] for run in (configured(Run, duration_min=n) for n in (600, 1440, 7230))
+    ]
     assert lengths == ["600 min", "a day", "5 days and 30 min"]

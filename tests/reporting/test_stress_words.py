@@ -237,7 +237,8 @@ def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
     result = make_stress(["imc"], [STUCK, DRIFT], change=lambda row: {"people": 38} if row["fault"] == DRIFT else {})
     assert next(_conclusions(result)) == (
         "In 2 of 6 combinations the glucose of some people, 2 of 40 people at most "
-        f"(imc | {DRIFT} and 1 more), did not stay a finite number, with or without the fault; they are in no number there."
+        f"(imc | {DRIFT} and 1 more), did not stay a finite number, with or without the fault; they are in no number "
+        "there."
     )
 
 

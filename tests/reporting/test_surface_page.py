@@ -73,7 +73,10 @@ def test_tunings_that_share_the_minimum_are_said_to(surface_of):
         return next(sentences(None, SimpleNamespace(extra=_Searched(surface, surface.rank_of(surface.tunings[0])))))
 
     subject = "The printed tuning (1, 2, 1, 0)"
-    assert sentence(0.0, 0.0, 0.0) == f"{subject} shares the minimum sum of squared errors with all others of 3 acceptable ones."
+    assert (
+        sentence(0.0, 0.0, 0.0)
+        == f"{subject} shares the minimum sum of squared errors with all others of 3 acceptable ones."
+    )
     assert sentence(1.0, 1.0, 2.0) == (
         f"{subject} shares the minimum sum of squared errors with 1 other of 3 acceptable ones."
     )

@@ -13,7 +13,6 @@ from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
 from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach
-from glucoloop.studies.league.report import _first
 from glucoloop.studies.league.numbers import (
     ALL,
     LINE,
@@ -24,7 +23,7 @@ from glucoloop.studies.league.numbers import (
     over_all_cells,
     ranking,
 )
-from glucoloop.studies.league.report import page, sentences
+from glucoloop.studies.league.report import _first, page, sentences
 from glucoloop.studies.league.study import _LeagueSearch, _lines_of, _shards_of, rows
 from glucoloop.trials import engine
 
@@ -154,7 +153,9 @@ def test_equals_are_not_told_apart_and_best_for_nobody():
     assert not found["worst_off"]["distinguished"]
     assert found["for_whom"] == {"one": 0, "other": 0}
     assert _first(found["overall"]) == "shared by one, other, each with a glycemia risk index of 29.5"
-    assert _first(ranked(one=np.zeros(9), other=np.ones(9))["overall"]).startswith("one with a glycemia risk index of 0.0")
+    assert _first(ranked(one=np.zeros(9), other=np.ones(9))["overall"]).startswith(
+        "one with a glycemia risk index of 0.0"
+    )
 
 
 def test_few_of_the_worst_off_are_not_told_apart():
