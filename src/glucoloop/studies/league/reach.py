@@ -192,7 +192,7 @@ def nearest(rows: Sequence[Row]) -> list[Row]:
         if place not in best or row["gri_above_start"] < best[place]["gri_above_start"]:
             best[place] = {**row, "nearest": name}
         elif row["gri_above_start"] == best[place]["gri_above_start"]:
-            best[place]["nearest"] += f"; {name}"
+            best[place] = {**best[place], "nearest": f"{best[place]['nearest']}; {name}"}
     families = list(dict.fromkeys(family for family, _ in best))
     return sorted(best.values(), key=lambda row: families.index(row["family"]))
 
