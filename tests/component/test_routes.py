@@ -9,7 +9,8 @@ from glucoloop.component.grammar import given
 from glucoloop.component.routes import PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.guard_settings import guard_of
-from glucoloop.patients.settings import PATIENTS, OperatingPoint, PatientComponent, patient_entry
+from glucoloop.patients.catalogue import PATIENTS, patient_entry
+from glucoloop.patients.component import OperatingPoint, PatientComponent
 from glucoloop.simulation.closed_loop import usual_limits
 from glucoloop.situations.request import request_from
 from glucoloop.situations.run import Run
@@ -21,7 +22,6 @@ def entry_of(route):
     class Somebody(PatientComponent, name="somebody"):
         """Somebody."""
 
-        model = "somewhere:MODEL"
         operating_points = (OperatingPoint("at-rest", "at steady state"),)
         insulin_route = route
         pulse_mU_min = 10.0

@@ -15,7 +15,7 @@ from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, op
 from glucoloop.cli.screen import for_terminal, note, stage
 from glucoloop.component.base import Component
 from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
-from glucoloop.patients.settings import DEFAULT_PATIENT
+from glucoloop.patients.catalogue import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import request_from
 

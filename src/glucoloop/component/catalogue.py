@@ -18,7 +18,7 @@ from glucoloop.refusal import Refusal
 P = TypeVar("P", bound=Component)
 
 HOMES: Final = {
-    "patient": "glucoloop.patients.settings:PATIENTS",
+    "patient": "glucoloop.patients.catalogue:PATIENTS",
     "meal model": "glucoloop.meals.settings:MEAL_MODELS",
     "rescue": "glucoloop.meals.settings:RESCUES",
     "habit": "glucoloop.meals.habits:HABITS",

@@ -31,7 +31,8 @@ from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.settings import MealModelComponent, RescueComponent
 from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Metric
-from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientComponent
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
+from glucoloop.patients.component import PatientComponent
 from glucoloop.physiology.settings import RhythmComponent
 from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal

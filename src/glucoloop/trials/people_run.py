@@ -20,8 +20,8 @@ from glucoloop.control import Controller
 from glucoloop.meals import Scenario, eaten
 from glucoloop.meals.scenario import announced_g, announced_min
 from glucoloop.metrics import Metrics, RunningMetrics
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.patients.settings import patient_entry
 from glucoloop.physiology.exercise import draw_bouts
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import DoseLimits

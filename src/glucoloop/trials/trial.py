@@ -15,7 +15,7 @@ from glucoloop.component.effects import INDIVIDUAL
 from glucoloop.component.grammar import Tree
 from glucoloop.component.setting import Default
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MAX_DAYS, MAX_PEOPLE
-from glucoloop.patients.settings import patient_entry
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option

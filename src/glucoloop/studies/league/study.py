@@ -13,7 +13,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.component.setting import Default
-from glucoloop.patients.settings import NOMINAL
+from glucoloop.patients.component import NOMINAL
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import intravenous_boluses
 from glucoloop.storage.results import Results

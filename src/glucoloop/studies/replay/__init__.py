@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import ANNOUNCEMENTS
-from glucoloop.patients.settings import PatientComponent, patient_entry
+from glucoloop.patients.catalogue import patient_entry
+from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.option import Option

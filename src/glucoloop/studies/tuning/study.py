@@ -13,7 +13,7 @@ import polars as pl
 
 from glucoloop.control import MPCTuning
 from glucoloop.models.settings import FileComponent
-from glucoloop.patients.settings import DEFAULT_PATIENT
+from glucoloop.patients.catalogue import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_table

@@ -36,9 +36,8 @@ from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, Episodes, Fa
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.metrics.promises import PROMISES, Caps, Promises
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS, patient_entry
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
-from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.table import REPLACED
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
@@ -372,7 +371,7 @@ class _WatchedLoops:
             controller,
             Promises(
                 limits=trial.limits,
-                sound=patient_model(trial.patient.display_name).sound,
+                sound=patient_entry(trial.patient.display_name).sound,
                 caps=None if guard is None else Caps(settings=guard, limits=trial.limits),
             ),
             _draw_people(trial.seed, np.arange(2), trial.patient.text),

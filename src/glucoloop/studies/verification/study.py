@@ -14,7 +14,7 @@ import polars as pl
 
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.metrics.promises import OF_CONTROLLER, PROMISES
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.reporting.descriptions import engine_notes
