@@ -72,7 +72,7 @@ class KanderianPatient(OdePatient, name="kanderian-2009"):
 
     @classmethod
     def nominal_profile(cls) -> Mapping[str, float]:
-        """What is known of person 1."""
+        """Known fields of person 1."""
         return people().profile_of(NOMINAL)
 
     @classmethod
