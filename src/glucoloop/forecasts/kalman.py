@@ -43,8 +43,8 @@ from glucoloop.forecasts.linear_filter import (
     recursion,
     steady_gains,
 )
-from glucoloop.forecasts.method import Forecast, ForecastMethod, Predictor, origins_of
-from glucoloop.forecasts.usual_day import Inputs, UsualDay, usual_day
+from glucoloop.forecasts.method import GlucoseForecast, ForecastMethod, Predictor, origins_of
+from glucoloop.forecasts.usual_day import DosesAndMeals, UsualDay, usual_day
 
 _HORIZONS_MIN: Final = (30, 60, 120, 180, 240)
 _TYPICAL_ERROR_MG_DL: Final = np.array([20.0, 30.0, 38.0, 40.0, 41.0])
@@ -130,7 +130,7 @@ class _Responses(NamedTuple):
             largest = np.maximum(largest, state[..., 2, 0])
         return cls(transition, 1.0 / largest)
 
-    def states(self, inputs: Inputs) -> Values:
+    def states(self, inputs: DosesAndMeals) -> Values:
         """States after the doses of each sample, ``(samples, systems, 2, 3)``."""
         amounts = np.stack(inputs, axis=-1)[:, None, :]
         drives = np.zeros((amounts.shape[0], *self.transition.shape[:3], 1))
@@ -156,9 +156,9 @@ class _Explained(NamedTuple):
     waves: Values
 
     @classmethod
-    def of(cls, parameters: Values, record: GriddedRecord, future: Inputs) -> _Explained:
+    def of(cls, parameters: Values, record: GriddedRecord, future: DosesAndMeals) -> _Explained:
         responses = _Responses.of(parameters)
-        history = Inputs(record.insulin_U, record.carbs_g)
+        history = DosesAndMeals(record.insulin_U, record.carbs_g)
         return cls(responses, responses.states(history), responses.states(future), daily_waves(record.clock))
 
     def at_samples(self) -> Values:
@@ -284,7 +284,9 @@ class FittedKalman:
         """Largest rise of glucose by 1 g of carbohydrate."""
         return float(self.coefficients[1])
 
-    def forecast(self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool) -> Forecast:
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
         """Forecasts by the exact filter, which has its own variance at each sample."""
         parameters = self.parameters[None]
         system = unexplained_system(parameters)
@@ -305,7 +307,7 @@ class FittedKalman:
             variance[:, place] = (
                 np.einsum("i,oij,j->o", row, covariance[origins], row) + on_the_way + system.reading_variance[0]
             )
-        return Forecast(mean, variance)
+        return GlucoseForecast(mean, variance)
 
 
 class Kalman(ForecastMethod, name="kalman"):

@@ -1,4 +1,4 @@
-"""Forecast by two numbers and fixed curves, as programs that dose insulin make it.
+"""GlucoseForecast by two numbers and fixed curves, as programs that dose insulin make it.
 
 The forecast is the latest reading, less the fall by insulin beyond the usual basal rate, plus the rise by
 carbohydrate. The curves are those of LoopKit for rapid insulin of adults and for carbohydrate that is absorbed within
@@ -18,7 +18,7 @@ from glucoloop.component.setting import About
 from glucoloop.control.loop_like import part_absorbed
 from glucoloop.forecasts.effects import effect_of_future, effect_of_history
 from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord, Places, Values
-from glucoloop.forecasts.method import Forecast, ForecastMethod, Predictor, last_readings, origins_of
+from glucoloop.forecasts.method import GlucoseForecast, ForecastMethod, Predictor, last_readings, origins_of
 from glucoloop.forecasts.usual_day import UsualDay, usual_day
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import INSULINS, insulin_left
@@ -38,11 +38,13 @@ class _TwoNumbers:
     usual: UsualDay
     mean_mg_dl: float
 
-    def forecast(self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool) -> Forecast:
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
         effects = _effects(record, self.usual, origins, horizons, future_known=future_known)
         rise = np.array([-self.sensitivity_mg_dl_U, self.rise_mg_dl_g])
         mean = last_readings(record, self.mean_mg_dl)[origins][:, None] + effects @ rise
-        return Forecast(mean, np.ones_like(mean))
+        return GlucoseForecast(mean, np.ones_like(mean))
 
 
 def _effects(

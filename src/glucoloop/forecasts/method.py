@@ -31,7 +31,7 @@ _NORMAL_90: Final = 1.6448536269514722
 """Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
 
 
-class Forecast(NamedTuple):
+class GlucoseForecast(NamedTuple):
     """Mean [mg/dl] and variance [(mg/dl)²] of the readings to come, ``(origins, horizons)``."""
 
     mean_mg_dl: Values
@@ -47,7 +47,9 @@ class Forecast(NamedTuple):
 class Predictor(Protocol):
     """Fitted method: an immutable value."""
 
-    def forecast(self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool) -> Forecast:
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
         """Forecasts of the readings some samples (`horizons`, 1 or more) after each sample of `origins`.
 
         `record` begins with the history of all origins. Of its later samples only the meals and the boluses of the
@@ -91,12 +93,14 @@ class _Scaled:
     scales: Values
     """``(2, anchors)`` factors of the standard deviation, with an unknown and with a known future."""
 
-    def forecast(self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool) -> Forecast:
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
         """Forecasts of the method, also beyond the end of the record."""
         beyond = int(origins.max(initial=0) + horizons.max(initial=0)) + 1 - record.reading_mg_dl.size
         inner = self.inner.forecast(record.padded(beyond), origins, horizons, future_known=future_known)
         scale = np.interp(horizons, ANCHORS, self.scales[int(future_known)])
-        return Forecast(inner.mean_mg_dl, inner.variance * scale**2)
+        return GlucoseForecast(inner.mean_mg_dl, inner.variance * scale**2)
 
 
 def scaled(inner: Predictor, training: GriddedRecord) -> Predictor:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from glucoloop._lazy_jax import np
 from glucoloop.component.setting import About
-from glucoloop.forecasts.method import Forecast, ForecastMethod, Predictor, last_readings
+from glucoloop.forecasts.method import GlucoseForecast, ForecastMethod, Predictor, last_readings
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values
@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 class _LastReading:
     mean_mg_dl: float
 
-    def forecast(self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool) -> Forecast:
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
         latest = last_readings(record, self.mean_mg_dl)[origins]
         mean = np.repeat(latest[:, None], horizons.size, axis=1)
-        return Forecast(mean, np.ones_like(mean))
+        return GlucoseForecast(mean, np.ones_like(mean))
 
 
 class Persistence(ForecastMethod, name="persistence"):
@@ -36,9 +38,11 @@ class _DailyCurve:
     glucose_mg_dl: Values
     """Glucose at each sample of a day, ``(samples of a day,)``."""
 
-    def forecast(self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool) -> Forecast:
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
         mean = self.glucose_mg_dl[(origins[:, None] + horizons) % self.glucose_mg_dl.size]
-        return Forecast(mean, np.ones_like(mean))
+        return GlucoseForecast(mean, np.ones_like(mean))
 
 
 class Mean(ForecastMethod, name="mean"):

@@ -19,7 +19,7 @@ import numpy as np
 from glucoloop.component.setting import About
 from glucoloop.forecasts.effects import effect_of_future, effect_of_history
 from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, Places, Values
-from glucoloop.forecasts.method import ANCHORS, Forecast, ForecastMethod, Predictor, last_readings, origins_of
+from glucoloop.forecasts.method import ANCHORS, GlucoseForecast, ForecastMethod, Predictor, last_readings, origins_of
 from glucoloop.forecasts.usual_day import UsualDay, usual_day
 
 _LAGS: Final = (0, 1, 2, 3, 4, 6, 9, 12, 18, 24, 36)
@@ -41,7 +41,9 @@ class _Regressions:
     coefficients: Values
     """``(anchors, features + 1)``, the constant last."""
 
-    def forecast(self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool) -> Forecast:
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
         at_anchors = np.empty((origins.size, len(ANCHORS)))
         for place, features in enumerate(
             _features(record, self.usual, self.mean_mg_dl, origins, future_known=future_known)
@@ -50,7 +52,7 @@ class _Regressions:
             at_anchors[:, place] = standard @ self.coefficients[place, :-1] + self.coefficients[place, -1]
         weights = np.array([np.interp(horizons, ANCHORS, unit) for unit in np.eye(len(ANCHORS))])
         mean = at_anchors @ weights
-        return Forecast(mean, np.ones_like(mean))
+        return GlucoseForecast(mean, np.ones_like(mean))
 
 
 class Ridge(ForecastMethod, name="ridge"):

@@ -26,7 +26,7 @@ class ForecastErrors(NamedTuple):
 
     @property
     def error_mg_dl(self) -> Values:
-        """Forecast less reading."""
+        """GlucoseForecast less reading."""
         result: Values = self.forecast_mg_dl - self.reading_mg_dl
         return result
 

@@ -12,7 +12,7 @@ _WINDOW_MIN = 120.0
 """Time over which means by time of day are smoothed."""
 
 
-class Inputs(NamedTuple):
+class DosesAndMeals(NamedTuple):
     """Insulin [U] and carbohydrate [g] of each sample, ``(samples,)``."""
 
     insulin_U: Values
@@ -27,8 +27,8 @@ class UsualDay(NamedTuple):
     automatic_bolus_U: Values
     carbs_g: Values
 
-    def future(self, record: GriddedRecord, *, known: bool) -> Inputs:
-        """Inputs of each sample as a forecast made before it takes them.
+    def future(self, record: GriddedRecord, *, known: bool) -> DosesAndMeals:
+        """DosesAndMeals of each sample as a forecast made before it takes them.
 
         The basal rate and automatic boluses are as usual. Meals and boluses of the user are those of the record where
         they are known, and else as usual.
@@ -36,8 +36,8 @@ class UsualDay(NamedTuple):
         clock = record.clock
         automatic = (self.basal_U + self.automatic_bolus_U)[clock]
         if known:
-            return Inputs(automatic + record.user_bolus_U, record.carbs_g)
-        return Inputs(automatic + self.user_bolus_U[clock], self.carbs_g[clock])
+            return DosesAndMeals(automatic + record.user_bolus_U, record.carbs_g)
+        return DosesAndMeals(automatic + self.user_bolus_U[clock], self.carbs_g[clock])
 
 
 def usual_day(training: GriddedRecord) -> UsualDay:
