@@ -43,7 +43,7 @@ from glucoloop.forecasts.linear_filter import (
     recursion,
     steady_gains,
 )
-from glucoloop.forecasts.method import GlucoseForecast, ForecastMethod, Predictor, origins_of
+from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, origins_of
 from glucoloop.forecasts.usual_day import DosesAndMeals, UsualDay, usual_day
 
 _HORIZONS_MIN: Final = (30, 60, 120, 180, 240)

@@ -18,7 +18,7 @@ from glucoloop.component.setting import About
 from glucoloop.control.loop_like import part_absorbed
 from glucoloop.forecasts.effects import effect_of_future, effect_of_history
 from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord, Places, Values
-from glucoloop.forecasts.method import GlucoseForecast, ForecastMethod, Predictor, last_readings, origins_of
+from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
 from glucoloop.forecasts.usual_day import UsualDay, usual_day
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import INSULINS, insulin_left

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from glucoloop._lazy_jax import np
 from glucoloop.component.setting import About
-from glucoloop.forecasts.method import GlucoseForecast, ForecastMethod, Predictor, last_readings
+from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, last_readings
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values

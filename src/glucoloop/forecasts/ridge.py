@@ -19,7 +19,7 @@ import numpy as np
 from glucoloop.component.setting import About
 from glucoloop.forecasts.effects import effect_of_future, effect_of_history
 from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, Places, Values
-from glucoloop.forecasts.method import ANCHORS, GlucoseForecast, ForecastMethod, Predictor, last_readings, origins_of
+from glucoloop.forecasts.method import ANCHORS, ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
 from glucoloop.forecasts.usual_day import UsualDay, usual_day
 
 _LAGS: Final = (0, 1, 2, 3, 4, 6, 9, 12, 18, 24, 36)
