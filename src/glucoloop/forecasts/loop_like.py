@@ -1,4 +1,4 @@
-"""GlucoseForecast by two numbers and fixed curves, as programs that dose insulin make it.
+"""Forecast by two numbers and fixed curves, as programs that dose insulin make it.
 
 The forecast is the latest reading, less the fall by insulin beyond the usual basal rate, plus the rise by
 carbohydrate. The curves are those of LoopKit for rapid insulin of adults and for carbohydrate that is absorbed within

@@ -26,7 +26,7 @@ class ForecastErrors(NamedTuple):
 
     @property
     def error_mg_dl(self) -> Values:
-        """GlucoseForecast less reading."""
+        """Forecast less reading."""
         result: Values = self.forecast_mg_dl - self.reading_mg_dl
         return result
 

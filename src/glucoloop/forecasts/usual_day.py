@@ -28,7 +28,7 @@ class UsualDay(NamedTuple):
     carbs_g: Values
 
     def future(self, record: GriddedRecord, *, known: bool) -> DosesAndMeals:
-        """DosesAndMeals of each sample as a forecast made before it takes them.
+        """Inputs of each sample as a forecast made before it takes them.
 
         The basal rate and automatic boluses are as usual. Meals and boluses of the user are those of the record where
         they are known, and else as usual.
