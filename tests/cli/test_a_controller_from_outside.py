@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from glucoloop.component.code import found
+from glucoloop.component.request import Request, completed
 from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.part import ControllerComponent
@@ -128,7 +129,7 @@ def test_a_setting_that_does_not_say_what_it_means_is_refused():
         k: int = 1
 
     with pytest.raises(ValueError, match="k is 'a', a str; give a whole number"):
-        Mistyped.partial({}).completed()
+        completed(Request(Mistyped))
     with pytest.raises(TypeError, match=r"the setting k does not say what it means; annotate it, like k: Annotated"):
         Unsaid()
 

@@ -32,6 +32,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self, TypeVar
 
 from glucoloop._pytree import register
 from glucoloop.component.base import WIRING, Component
+from glucoloop.component.request import Request
 
 T = TypeVar("T")
 
@@ -103,6 +104,8 @@ class PytreeComponent(Component):
             roles: dict[str, Role] = {}
             hints = typing.get_type_hints(cls, include_extras=True)
             for field in dataclasses.fields(typing.cast(Any, cls)):
+                if field.name == "request":
+                    continue
                 declared = (mark for mark in getattr(hints[field.name], "__metadata__", ()) if isinstance(mark, Role))
                 roles[field.name] = next(declared, field.metadata.get("role") or cls._role_of_setting(field.name))
             roles |= {name: getattr(cls, name).role for name in cls.derived_names()}
@@ -124,7 +127,7 @@ class PytreeComponent(Component):
     @classmethod
     def _rebuilt(cls, values: Mapping[str, Any]) -> Self:
         whole = object.__new__(cls)
-        vars(whole).update({**dict.fromkeys(cls._attributes().host, ABSENT), **values})
+        vars(whole).update({"request": Request(cls), **dict.fromkeys(cls._attributes().host, ABSENT), **values})
         return whole
 
     def replaced(self, **values: Any) -> Self:
