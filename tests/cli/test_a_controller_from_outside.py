@@ -114,6 +114,7 @@ def test_a_trial_designs_it_for_each_person(outside, glucoloop):
         ({"tunable": True}, "the controller x cannot be tunable: it lacks one of move_horizon"),
         ({"individual": ":f"}, "':f' of the controller x is no place"),
         ({"name": 1, "__annotations__": {"name": "int"}}, "a setting of X is called 'name', as of every component"),
+        ({"request": 1, "__annotations__": {"request": "int"}}, "a setting of X is called 'request', as of every"),
     ],
 )
 def test_a_part_that_cannot_be_meant_is_refused(changed, told):

@@ -39,8 +39,7 @@ from glucoloop.unit_guess import Quantity
 _SCALARS: Final = (int, float, str, bool)
 WIRING: Final = "wiring"
 """Metadata of a field that is no setting: what an object is connected to, or told of the loop around it."""
-_REQUEST: Final = "request"
-_RESERVED: Final = (NAME, "label", "explicit", "source", "display_name", "kind", "default", "sources", NONE)
+_RESERVED: Final = (NAME, "request", "label", "explicit", "source", "display_name", "kind", "default", "sources", NONE)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(default_by_noise, dataclasses.field))
@@ -68,8 +67,8 @@ class Component:
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
 
-    request: Request[Any] = dataclasses.field(kw_only=True, metadata={WIRING: True})
-    """Request from which the object was made; its constructor makes one of what it is given."""
+    request: Request[Any]
+    """Request from which each object was made; its constructor makes one of what it is given."""
 
     if typing.TYPE_CHECKING:
 
@@ -85,7 +84,7 @@ class Component:
             cls.summary = (vars(cls).get("__doc__") or "").partition("\n")[0].rstrip(".")
             dataclasses.dataclass(frozen=True, repr=False, eq=False)(cls)
             for field in dataclasses.fields(cls):
-                if field.name in _RESERVED and field.name not in (*cls.may_have, _REQUEST):
+                if field.name in _RESERVED and field.name not in cls.may_have:
                     raise TypeError(
                         f"a setting of {cls.__name__} is called {field.name!r}, as of every component; rename it"
                     )
@@ -212,11 +211,7 @@ class Component:
 
     def _field_values(self) -> dict[str, Any]:
         """Fields by name, by which two components are equal; written once here, for making the methods takes long."""
-        fields = dataclasses.fields(typing.cast(Any, self))
-        return {field.name: getattr(self, field.name) for field in fields if field.name != _REQUEST}
-
-
-dataclasses.dataclass(init=False, repr=False, eq=False, frozen=True)(Component)
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(typing.cast(Any, self))}
 
 
 def _inherit_annotations(component: type[Component]) -> None:
@@ -254,11 +249,10 @@ def _checking(component: type[Component], plain_init: Callable[..., None]) -> Ca
         if type(self) is not component:  # a class that extends this one checks all of its settings itself
             plain_init(self, *args, **kwargs)
             return
-        kwargs.pop(_REQUEST, None)  # of the object of which `dataclasses.replace` makes another one
         fields = dataclasses.fields(typing.cast(Any, component))
         names = [field.name for field in fields if not field.kw_only]
         given = {**dict(zip(names, args, strict=False)), **kwargs}
-        known = {field.name for field in fields if field.init and field.name != _REQUEST}
+        known = {field.name for field in fields if field.init}
         if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= known:
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
         settings = component.settings()
@@ -270,8 +264,8 @@ def _checking(component: type[Component], plain_init: Callable[..., None]) -> Ca
             for name, value in given.items()
             if name not in settings
         }
-        request = Request(component, explicit) if _request is None else _request
-        plain_init(self, request=request, **component.resolved({**defaults, **explicit}), **wiring)
+        vars(self)["request"] = Request(component, explicit) if _request is None else _request
+        plain_init(self, **component.resolved({**defaults, **explicit}), **wiring)
 
     return init
 

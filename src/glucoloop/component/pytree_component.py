@@ -104,8 +104,6 @@ class PytreeComponent(Component):
             roles: dict[str, Role] = {}
             hints = typing.get_type_hints(cls, include_extras=True)
             for field in dataclasses.fields(typing.cast(Any, cls)):
-                if field.name == "request":
-                    continue
                 declared = (mark for mark in getattr(hints[field.name], "__metadata__", ()) if isinstance(mark, Role))
                 roles[field.name] = next(declared, field.metadata.get("role") or cls._role_of_setting(field.name))
             roles |= {name: getattr(cls, name).role for name in cls.derived_names()}
