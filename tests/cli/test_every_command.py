@@ -65,7 +65,7 @@ def test_the_example_of_a_setting_by_its_path_is_one_that_each_command_takes():
         with naming(command):
             given = command_of(command).given([SET.flag, example])
             read = read_root(root_of(command), command_request(given, command_of(command).options).tree)
-            assert read.patient.operating_point == "fasting-81"
+            assert read.value("patient").value("operating_point") == "fasting-81"
 
 
 def test_an_unknown_option_is_refused_with_the_likely_one(refused):
