@@ -95,5 +95,5 @@ def patient(name: str = "parker-1999", operating_point: str | None = None) -> Pa
         a person whose effects are normalised at a fasting glucose of 81 mg/dl.
     """
     entry = patient_entry(name)
-    point = entry.usual_point if operating_point is None else entry.point(operating_point).name
+    point = entry.default_operating_point if operating_point is None else entry.point(operating_point).name
     return patient_model(name).operating_points[point]()
