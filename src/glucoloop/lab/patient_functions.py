@@ -82,7 +82,7 @@ def by_equations(family: str) -> bool:
 @functools.cache
 def people_of(family: str) -> Population:
     """Population whose people the page simulates beside the default patient of a family, as ``glucoloop trial``."""
-    return population(PATIENTS.find(family).usual_population, patient=family)
+    return population(PATIENTS.find(family).default_population, patient=family)
 
 
 @functools.cache

@@ -96,7 +96,7 @@ def person_function(family: str) -> PageFunction:
 
 
 def _person_function(family: str, *, rests: bool) -> PageFunction:
-    point = PATIENTS.find(family).usual_point
+    point = PATIENTS.find(family).default_operating_point
     setpoint_mg_dl = float(patients(family)[point].setpoint_mg_dl)
     states = plants(family)[point].matrices.driven_end.shape[0]
     names, build = list(people_of(family).distributions()), patient_entry(family).build
@@ -119,7 +119,7 @@ def _person_function(family: str, *, rests: bool) -> PageFunction:
 
 def people_numbers(family: str) -> dict[str, Any]:
     """Distributions of the people of a family, and constants of their plants, as the page reads them."""
-    point = PATIENTS.find(family).usual_point
+    point = PATIENTS.find(family).default_operating_point
     return {
         "population": people_of(family).name,
         "seed": SEED,

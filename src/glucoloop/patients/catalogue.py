@@ -61,4 +61,4 @@ def patient(name: str = "parker-1999", operating_point: str | None = None) -> Pa
         a person whose effects are normalised at a fasting glucose of 81 mg/dl.
     """
     entry = patient_entry(name)
-    return entry.at_operating_point(entry.usual_point if operating_point is None else operating_point)
+    return entry.at_operating_point(entry.default_operating_point if operating_point is None else operating_point)

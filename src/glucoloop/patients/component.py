@@ -120,9 +120,9 @@ class PatientComponent(PytreeComponent):
     """Rates of a default pump, which follow from the three above, or from the route."""
     subcutaneous: ClassVar[bool] = False
     """Whether insulin is given subcutaneously; it follows from the route."""
-    usual_point: ClassVar[str] = ""
+    default_operating_point: ClassVar[str] = ""
     """Name of the first operating point."""
-    usual_population: ClassVar[str] = NOMINAL
+    default_population: ClassVar[str] = NOMINAL
     """Name of the first population."""
 
     operating_point: Annotated[
@@ -170,8 +170,8 @@ class PatientComponent(PytreeComponent):
             max_mU_min=cls.max_insulin_mU_min,
         )
         cls.subcutaneous = cls.insulin_route == SUBCUTANEOUS
-        cls.usual_point = cls.operating_points[0].name
-        cls.usual_population = next(iter(cls.populations), NOMINAL)
+        cls.default_operating_point = cls.operating_points[0].name
+        cls.default_population = next(iter(cls.populations), NOMINAL)
 
     @classmethod
     def refuse_incomplete(cls) -> None:
@@ -201,7 +201,7 @@ class PatientComponent(PytreeComponent):
     @property
     def rests_at(self) -> str:
         """Name of the operating point."""
-        return self.operating_point or self.usual_point
+        return self.operating_point or self.default_operating_point
 
     @property
     def place(self) -> str:
@@ -219,7 +219,7 @@ class PatientComponent(PytreeComponent):
             raise Refusal(f"unknown operating point {name!r} of {cls.name}; {known_names(name, points)}")
         return points[name]
 
-    def usual_of(self, controller: str) -> Mapping[str, Default]:
+    def controller_defaults(self, controller: str) -> Mapping[str, Default]:
         """Default settings of a controller for this patient, where they differ from the controller's own."""
         tunings = (ROUTES[self.insulin_route].tunings, self.tunings, self.point(self.rests_at).tunings)
         return {name: value for tuning in tunings for name, value in tuning.get(controller, {}).items()}

@@ -292,7 +292,7 @@ def person_of(text: str, patient: str, seed: int) -> Population:
     ``person=17``; of another population that stands before a colon: ``people.csv:anna``.
     """
     where, _, name = text.rpartition(":")
-    people = _population_named(where.strip() or patient_entry(patient).usual_population, patient)
+    people = _population_named(where.strip() or patient_entry(patient).default_population, patient)
     try:
         return people.alone(name.strip(), seed)
     except Refusal as error:

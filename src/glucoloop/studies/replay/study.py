@@ -94,7 +94,7 @@ class _Replayed:
 
 def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Results:
     """Replay the record under each controller; Refusal for one that cannot be designed."""
-    kept = config.kept()
+    kept = config.twin_values()
     try:
         twin = StoredTwin.of(kept)
     except Refusal as error:
