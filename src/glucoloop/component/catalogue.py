@@ -35,6 +35,7 @@ HOMES: Final = {
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
     "reader": "glucoloop.records.readers:READERS",
+    "forecast method": "glucoloop.forecasts.catalogue:METHODS",
 }
 """Catalogue of each kind, as ``module:attribute``."""
 
