@@ -25,8 +25,8 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import Trace, fit_step, identify, validate_on
-from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.situations.case import default_case
+from glucoloop.situations.situation import Situation, default_situation
 from glucoloop.tuning.search import paper_tuning_surface, stack
 from glucoloop.tuning.surface import TuningSurface
 
@@ -161,7 +161,7 @@ def _study_model(
 def _noise_free_runs(situation: Situation, noise_free: Identification) -> dict[str, _SeededRuns]:
     results = {}
     for name in ("mpc", "mpc-se", "nlqdmc-se", "imc"):
-        controller = controller_of(situation, usual_case(name, situation), model=noise_free.model)
+        controller = controller_of(situation, default_case(name, situation), model=noise_free.model)
         trace = close_loop(situation, controller, Scenario())
         results[name] = _SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
     return results
@@ -175,7 +175,7 @@ def study(
     A run is the same, whatever is carried out beside it; `progress` is called with the name of each step that is done.
     """
     noisy = {run for run in experiments if isinstance(run, tuple)}
-    situation = usual_situation(operating_point=operating_point)
+    situation = default_situation(operating_point=operating_point)
     person = cast(SemilinearPatient, situation.nominal)
     # Records and loops draw from different keys.
     record_keys, loop_keys = (jax.random.split(key, seeds) for key in jax.random.split(jax.random.key(seed)))
@@ -205,7 +205,7 @@ def study(
         late = _noisy(situation, minutes)
         for name, time in sorted(run for run in noisy if _dead_time_min(run) == minutes):
             compensated = time.endswith("M")
-            case = dataclasses.replace(usual_case(name, late), known_dead_time=compensated)
+            case = dataclasses.replace(default_case(name, late), known_dead_time=compensated)
             if name == "mpc-se":
                 runs[name, time] = _noisy_loops(late, controller_of(late, case), loop_keys)
                 continue
