@@ -54,9 +54,12 @@ def absorbed(request):
 
 
 def test_the_appearance_of_meals(absorbed):
-    few, many = (work_of(lambda of=absorbed(days), n=days: of.moments(n * SAMPLES_A_DAY, 5, 1.0)) for days in (4, 32))
-    assert 1000 < few
-    assert many < 8.5 * few
+    def of(days):
+        absorption = absorbed(days)
+        return work_of(lambda: absorption.moments(days * SAMPLES_A_DAY, 5, 1.0))
+
+    assert 1000 < of(4)
+    assert of(32) < 8.5 * of(4)
 
 
 def test_a_sample_of_the_adaptive_integrator(absorbed, patient_81):
@@ -103,7 +106,13 @@ def test_a_stepper_forgets_meals_that_are_over_and_is_the_simulation_to_the_bit(
     controller = gl.design_open_loop(patient_81.basal_insulin_mU_min)
     whole = gl.simulate(patient_81, controller, scenario=scenario, integrator=integrator)
     stepper = scenario_stepper(
-        patient_81, IdealSensor(), LimitedPump(limits=PARKER_1999_LIMITS), scenario, sample_time_min=MINUTES, key=0, integrator=integrator
+        patient_81,
+        IdealSensor(),
+        LimitedPump(limits=PARKER_1999_LIMITS),
+        scenario,
+        sample_time_min=MINUTES,
+        key=0,
+        integrator=integrator,
     )
     state = controller.init(stepper.observation())
     stepped = simulate_stepped(stepper, scenario, lambda index, seen: controller.step(state, seen)[1])
