@@ -49,7 +49,7 @@ def work_of(function, *arguments):
 
 @pytest.fixture(params=["dalla-man", "lehmann-deutsch", "hovorka"])
 def absorbed(request):
-    model = MEAL_MODELS[request.param]().completed().made()
+    model = MEAL_MODELS[request.param]().made()
     return lambda days: absorb(model, meals(days))
 
 
@@ -75,14 +75,14 @@ def test_a_sample_of_the_adaptive_integrator(absorbed, patient_81):
 
 
 def test_what_is_eaten_in_a_run_is_what_is_eaten_in_each_sample():
-    absorption = absorb(MEAL_MODELS["dalla-man"]().completed().made(), meals(2))
+    absorption = absorb(MEAL_MODELS["dalla-man"]().made(), meals(2))
     each = [eaten_of(absorption.eaten, 5 * k + jnp.arange(5), MINUTES) for k in range(2 * SAMPLES_A_DAY)]
     np.testing.assert_array_equal(absorption.eaten_in_run(2 * SAMPLES_A_DAY, MINUTES), np.stack(each))
 
 
 @pytest.mark.parametrize("traced", [False, True])
 def test_the_meals_of_samples_appear_as_all_meals_in_closed_form(traced):
-    model = MEAL_MODELS["lehmann-deutsch"]().completed().made()
+    model = MEAL_MODELS["lehmann-deutsch"]().made()
     eaten, at_min = meals(1), np.arange(0.0, 1440.0, 1.7)
 
     def appearing(carbs_g):

@@ -132,7 +132,8 @@ class OdeAbsorption:
         sample.
         """
         if is_traced(self.eaten):
-            return jax.lax.map(lambda index: self.eaten_in_sample(index, sample_time_min), jnp.arange(samples))
+            each: jax.Array = jax.lax.map(lambda k: self.eaten_in_sample(k, sample_time_min), jnp.arange(samples))
+            return each
         points, shape = points_of_sample(sample_time_min), self.eaten.carbs_g.shape
         flat = jax.tree.map(
             lambda part: np.broadcast_to(part, shape).reshape(shape[0], math.prod(shape[1:])), self.eaten
