@@ -23,7 +23,7 @@ from glucoloop.meals.scenario import Meal, Scenario
 from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient
 from glucoloop.physiology.exercise import Bouts, Exercise, refuse_exercise
-from glucoloop.physiology.protocol import Rhythm
+from glucoloop.physiology.rhythm import Rhythm
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
