@@ -422,7 +422,9 @@ class Stepper:
 
 def _last_jumps_min(model: MealModel, eaten: Eaten) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Time of the last moment at which each meal makes a gut jump, or is eaten."""
-    ends: np.ndarray[Any, np.dtype[np.float64]] = np.asarray(eaten.t_min + jnp.maximum(eaten.eating_min, SHORTEST_EATING_MIN))
+    ends: np.ndarray[Any, np.dtype[np.float64]] = np.asarray(
+        eaten.t_min + jnp.maximum(eaten.eating_min, SHORTEST_EATING_MIN)
+    )
     if isinstance(model, OdeMealModel):
         return ends
     last = jax.vmap(lambda meal: jnp.max(model.jumps(meal).t_min))(jax.tree.map(lambda part: part[:, None], eaten))
