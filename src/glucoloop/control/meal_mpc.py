@@ -90,6 +90,7 @@ _AT_REST_MG: Final = 1000.0
 
 
 _STEADY: Final = Need("meals_by_time takes its place")
+_CAUTION: Final = Need("caution_weight is 0")
 
 
 class MealTuning(MPCTuning):
@@ -114,6 +115,7 @@ class MealTuning(MPCTuning):
         About(
             "Distance below the setpoint at which that counts as low without noise, in mg/dl; less with noise.",
             at_least=0.0,
+            needs=(_CAUTION,),
         ),
         DATA,
     ] = 2.2
@@ -285,7 +287,8 @@ class MealMPC(MealTuning, name="meal-mpc"):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the controller meets; the time of day where meals are expected by it."""
-        return super().uses() | frozenset({TIME_OF_DAY} if self.needs_time_of_day else {_STEADY})
+        cautious = frozenset({_CAUTION} if self.caution_weight else ())
+        return super().uses() | cautious | frozenset({TIME_OF_DAY} if self.needs_time_of_day else {_STEADY})
 
     @property
     def needs_time_of_day(self) -> bool:
