@@ -46,7 +46,7 @@ class _Person(NamedTuple):
         return self.record.days - self.held_out_days
 
     def row(self) -> dict[str, Any]:
-        """What the results tell of the record, of all its days."""
+        """Facts on the record that the results tell, of all its days."""
         record = self.record
         return {
             "person": self.label,
