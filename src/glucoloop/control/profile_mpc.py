@@ -157,7 +157,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         float,
         About("Weight on planned rates away from the basal rate, by their effect in mg/dl/min.", at_least=0.0),
         DATA,
-    ] = 180.0
+    ] = 90.0
     bolus_weight: Annotated[
         float,
         About(
@@ -165,7 +165,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
             at_least=0.0,
         ),
         DATA,
-    ] = 28.0
+    ] = 14.0
     automatic_boluses: Annotated[
         bool,
         About(
