@@ -18,7 +18,9 @@ PROJECT = tomllib.loads((SOURCE.parents[1] / "pyproject.toml").read_text(encodin
 def test_each_package_is_of_its_extra_and_not_always_installed():
     extras = PROJECT["optional-dependencies"]
     for package, extra in EXTRAS.items():
-        assert any(requirement.startswith((f"{package}>=", f"{package}==")) for requirement in extras[extra])
+        assert any(
+            requirement.startswith((f"{package.replace('_', '-')}>=", f"{package}==")) for requirement in extras[extra]
+        )
         assert not any(requirement.startswith(package) for requirement in PROJECT["dependencies"])
 
 

@@ -15,6 +15,7 @@ EXTRAS: Final = {
     "duckdb": "query",
     "gymnasium": "gym",
     "optuna": "search",
+    "python_calamine": "xlsx",
     "simglucose": "uva",
 }
 """Extra of ``pyproject.toml`` that installs a package."""

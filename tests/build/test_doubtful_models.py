@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from glucoloop.build.designs import controller_of, nominal_model
-from glucoloop.sensors import WhiteNoise
+from glucoloop.sensors import SENSORS, CorrelatedNoise, WhiteNoise
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
 
@@ -25,6 +25,21 @@ def test_a_gain_that_noise_has_made_doubtful_is_refused_with_the_mend():
 def test_without_noise_there_is_no_doubt():
     quiet = NOISY.without_noise()
     assert not nominal_model(quiet, usual_case("mpc", quiet)).doubts()
+
+
+def test_a_record_has_its_own_noise_and_none_of_the_sensor():
+    assert Situation(sensor=(CorrelatedNoise(),)).record_sensor(0.0) == ()
+    assert Situation(sensor=(CorrelatedNoise(),)).record_sensor(1.45) == (WhiteNoise(variance=1.45),)
+
+
+@pytest.mark.long
+def test_no_sensor_of_the_package_leaves_the_nominal_model_in_doubt():
+    for name in SENSORS:
+        skin = dataclasses.replace(usual_situation("hovorka-2004"), sensor=(SENSORS[name]().completed(),), seed=1)
+        quiet = dataclasses.replace(
+            usual_case("mpc", skin), model=usual_case("mpc", usual_situation("hovorka-2004")).model
+        )
+        assert not nominal_model(skin, quiet).doubts(), name
 
 
 @pytest.mark.long

@@ -70,7 +70,7 @@ def test_filters_of_a_controller_with_estimation(glucoloop):
 
 def test_seeds_are_of_any_noise(glucoloop):
     answer = glucoloop(
-        "tune", "--controller", "move_horizon=2, prediction_horizon=7", *SHORT, "--sensor", "dexcom-g6",
+        "tune", "--controller", "move_horizon=2, prediction_horizon=7", *SHORT, "--sensor", "correlated-noise",
         "--seeds", 2,
     )  # fmt: skip
     assert "Results are medians of 2 seeds; oscillation was judged in the run of the first." in answer.out

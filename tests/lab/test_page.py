@@ -96,6 +96,11 @@ def test_nothing_in_the_file_can_reach_the_network(text):
     ran = [*re.findall(r"<script>(.*?)</script>", text, re.S), packed(text, "code").decode()]
     hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in ran]
     assert sources["script-src"].split() == [*(f"'sha256-{digest}'" for digest in hashes), "'wasm-unsafe-eval'"]
+    [style] = re.findall(r"<style>(.*?)</style>", text, re.S)
+    assert sources["style-src"] == f"'sha256-{base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()}'"
+    assert not re.search(
+        r'style\s*=\s*["\'`]|"style"|<style', text.replace("<style>", "", 1) + packed(text, "code").decode()
+    )
     assert sources["worker-src"] == "blob:"
     assert not re.search(r'(?:src|href)="(?!data:)', text)
     program = packed(text, "code").decode()

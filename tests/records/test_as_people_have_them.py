@@ -397,7 +397,7 @@ def test_an_export_of_glooko_is_one_person(read, tmp_path, folder):
     assert record.frame["carbs_g"].sum() == 45.0
     assert record.frame["bolus_U"].sum() == 5.75
     assert str([rate for _, rate in rates_of(record)]) == "[0.8, 0.0, nan]"
-    assert "1 file of the folder or ZIP that no reader knows: not read." in record.notes
+    assert "1 file or table of the folder, ZIP or workbook that no reader knows: not read." in record.notes
 
 
 def test_a_folder_of_people_is_people_and_not_merged(tmp_path):

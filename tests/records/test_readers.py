@@ -18,12 +18,17 @@ from device_files import (
     clarity,
     every,
     glucose,
+    jaeb,
     libre,
     nightscout_entries,
     nightscout_treatments,
     ohio,
+    tandem,
     tidepool,
+    tidepool_table,
+    xdrip,
 )
+from glucoloop.records import read_people
 
 
 def readings(record):
@@ -345,3 +350,76 @@ def test_a_reader_of_another_package_is_one_class(read, monkeypatch):
     told = read("2024-03-13 07:00|101\n2024-03-13 07:05|x\n", reader="your_own_reader:Diary")
     assert told.frame["glucose_mg_dl"].to_list() == [101.0]
     assert told.left_out == {"rows with values that are no number or not possible": 1}
+
+
+def test_tandem(read):
+    record = read(tandem(40))
+    assert readings(record) == expected(5)
+    assert [(time - START, units) for time, units in values(record, "bolus_U")] == [
+        (timedelta(minutes=at), units) for at, units in ((10, 4.5), (20, 2.0), (20, 3.0), (30, 2.0), (30, 4.0))
+    ]
+    assert values(record, "bolus_min") == [(minutes(20), 120.0), (minutes(30), 60.0)]
+    assert values(record, "carbs_g") == [(minutes(10), 45.0), (minutes(20), 30.0)]
+    assert values(record, "basal_U_h") == [(START, 0.85)]
+    assert record.left_out == {"entries of insulin on board": 1}
+
+
+def test_xdrip(read):
+    record = read(xdrip(40))
+    assert readings(record) == expected(5)
+    assert values(record, "carbs_g") == [(START, 40.0)]
+    assert values(record, "bolus_U") == [(START, 3.5)]
+    assert record.left_out == {"finger pricks": 1}
+
+
+def test_jaeb_of_two_people(tmp_path):
+    (tmp_path / "HDeviceCGM.txt").write_text(jaeb(40, people=("7", "9")))
+    (tmp_path / "HDeviceBolus.txt").write_text(
+        "RecID|PtID|DeviceDtTmDaysFromEnroll|DeviceTm|BolusType|Normal|Extended|Duration\n"
+        "1|7|2|00:13:00|Dual|2.5|1.5|3600000\n2|7|2|00:23:00|Normal|1||\n3|9|2|00:33:00|Square||4|90\n"
+    )
+    (tmp_path / "HDeviceBasal.txt").write_text(
+        "RecID|PtID|DeviceDtTmDaysFromEnroll|DeviceTm|BasalType|Duration|Rate\n"
+        "1|7|2|00:00:00|scheduled|3600000|0.8\n2|7|2|01:00:00|suspend|3600000|\n3|9|2|00:00:00|scheduled|1|1.1\n"
+    )
+    records = read_people(tmp_path)
+    day = datetime(2000, 1, 3)
+    assert list(records) == ["7", "9"]
+    for record in records.values():
+        assert [time - day for time in readings(record)] == [time - datetime(2024, 3, 13) for time in every(5, 40)]
+    assert values(records["7"], "bolus_U") == [
+        (day + timedelta(minutes=at), units) for at, units in ((13, 2.5), (13, 1.5), (23, 1.0))
+    ]
+    assert values(records["7"], "bolus_min") == [(day + timedelta(minutes=13), 60.0)]
+    assert values(records["9"], "bolus_min") == [(day + timedelta(minutes=33), 90.0)]
+    assert values(records["7"], "basal_U_h") == [(day, 0.8), (day + timedelta(hours=1), 0.0)]
+    assert records["7"].left_out == {"finger pricks and calibrations": 1}
+
+
+def test_pedap_tells_the_later_part_at_its_end_and_leaves_out_midnight(read):
+    boluses = (
+        "PtID|DeviceDtTm|BolusAmount|CarbAmount|BolusType|Duration|ExtendedBolusPortion\n"
+        "5|3/13/2024|1.5|20|Standard||\n5|3/13/2024 10:00:00 AM|2|30|Extended|60|Now\n"
+        "5|3/13/2024 11:00:00 AM|3||Extended|60|Later\n"
+    )
+    sensor = (
+        "PtID|DeviceDtTm|CGMValue|HighLowIndicator\n5|3/13/2024 12:05:00 AM|120|0\n5|3/13/2024 12:10:00 AM|0|2\n"
+        "5|3/13/2024 12:15:00 AM|0|1\n"
+    )
+    record = read(boluses, sensor)
+    ten = datetime(2024, 3, 13, 10)
+    assert values(record, "bolus_U") == [(datetime(2024, 3, 13), 1.5), (ten, 2.0), (ten, 3.0)]
+    assert values(record, "bolus_min") == [(ten, 60.0)]
+    assert values(record, "carbs_g") == [(datetime(2024, 3, 13), 20.0), (ten, 30.0)]
+    assert record.frame["glucose_mg_dl"].drop_nulls().to_list() == [120.0, 40.0, 400.0]
+
+
+def test_the_loop_study_is_in_utc_and_in_mmol(read):
+    rows = ("1|2018-05-29 10:02:56|CGM|5.5|mmol/L", "1|2018-05-29 10:07:56|CGM|6|mmol/L")
+    record = read("\n".join(["PtID|UTCDtTm|RecordType|CGMVal|Units", *rows]))
+    assert record.frame["glucose_mg_dl"].to_list() == pytest.approx([99.09, 108.1], abs=0.1)
+    assert record.frame["utc_offset_min"].to_list() == [0, 0]
+
+
+def test_tidepool_as_a_table(read):
+    assert readings(read(tidepool_table(30))) == expected(5, 30)

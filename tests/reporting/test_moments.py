@@ -10,7 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.pages.script import PAGES
+from glucoloop.reporting.descriptions import run_facts
 from glucoloop.reporting.periods import moment_text, period_text, periods_text
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
 
 NODE = shutil.which("node")
 
@@ -51,3 +54,10 @@ def test_pages_tell_the_same_moments():
     assert days == weeks == [moment_text(t, 20160) for t in times]
     assert minutes == [f"{t} min" for t in times]
     assert (marks, others) == (["day 1", "12:00", "day 2"], ["day 1, 12:00", "60", "day 2, 07:00"])
+
+
+def test_a_length_of_days_is_told_in_days():
+    lengths = [
+        run_facts(run, run.case)["Length"] for run in (configured(Run, duration_min=n) for n in (600, 1440, 7230))
+    ]
+    assert lengths == ["600 min", "a day", "5 days and 30 min"]

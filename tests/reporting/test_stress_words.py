@@ -186,6 +186,12 @@ def test_harm_that_the_guard_does_is_said(make_stress):
     ) in _conclusions(result)
 
 
+def test_combinations_that_share_the_most_harm_are_counted(make_stress):
+    bad = {("imc", True, STUCK): (10.0, [3]), ("mpc", True, DRIFT): (10.0, [3])}
+    harm = " ".join(_conclusions(make_stress(["imc", "mpc"], [STUCK, DRIFT], bad)))
+    assert "by at most 1.2 % of the run, in imc under stuck and 1 more." in harm
+
+
 def test_only_the_worst_of_many_that_fail_are_listed(make_stress):
     faults = [f"drift, mg_dl_h={rate}" for rate in range(1, 9)]
     bad = {("imc", True, fault): (float(index + 2), [1]) for index, fault in enumerate(faults)}
@@ -231,7 +237,8 @@ def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
     result = make_stress(["imc"], [STUCK, DRIFT], change=lambda row: {"people": 38} if row["fault"] == DRIFT else {})
     assert next(_conclusions(result)) == (
         "In 2 of 6 combinations the glucose of some people, 2 of 40 people at most "
-        f"(imc | {DRIFT}), did not stay a finite number, with or without the fault; they are in no number there."
+        f"(imc | {DRIFT} and 1 more), did not stay a finite number, with or without the fault; they are in no number "
+        "there."
     )
 
 

@@ -2,11 +2,12 @@
 
 import dataclasses
 import re
+from types import SimpleNamespace
 
 import numpy as np
 
 from glucoloop.control import MPCTuning
-from glucoloop.studies.tuning.study import MAX_ROWS, _Searched, _surface_page
+from glucoloop.studies.tuning.study import MAX_ROWS, _Searched, _surface_page, sentences
 from glucoloop.tuning.grid import tuning_grid
 
 
@@ -64,3 +65,19 @@ def test_a_long_list_is_cut_but_shows_the_printed_tuning(surface_of):
     assert f"The first {MAX_ROWS} of 240 tunings" in page
     assert page.count('<td class="value">30</td>') >= 1
     assert '<tr class="printed">' in page
+
+
+def test_tunings_that_share_the_minimum_are_said_to(surface_of):
+    def sentence(*sse):
+        surface = surface_of(tuning_grid([1], [2, 4, 8]), list(sse))
+        return next(sentences(None, SimpleNamespace(extra=_Searched(surface, surface.rank_of(surface.tunings[0])))))
+
+    subject = "The printed tuning (1, 2, 1, 0)"
+    assert (
+        sentence(0.0, 0.0, 0.0)
+        == f"{subject} shares the minimum sum of squared errors with all others of 3 acceptable ones."
+    )
+    assert sentence(1.0, 1.0, 2.0) == (
+        f"{subject} shares the minimum sum of squared errors with 1 other of 3 acceptable ones."
+    )
+    assert sentence(1.0, 2.0, 2.0) == f"{subject} is the best of 3 acceptable ones."

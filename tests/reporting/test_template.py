@@ -60,6 +60,12 @@ def test_a_page_runs_only_its_own_script(make_page):
     assert f"script-src 'sha256-{base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()}'" in page
 
 
+def test_a_page_has_only_its_own_style_sheet(make_page):
+    page = make_page()
+    [style] = re.findall(r"<style>(.*?)</style>", page, re.DOTALL)
+    assert f"style-src-elem 'sha256-{base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()}'" in page
+
+
 def test_a_table_of_columns_has_a_heading_for_each_number(make_page, reader):
     columns = (
         Column(name="people", head="people", group="Who", text=whole),

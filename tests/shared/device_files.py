@@ -196,6 +196,130 @@ def hupa_ucm(count=40):
     return "\n".join([names, *rows]) + "\n"
 
 
+def tandem(count=40):
+    """t:connect's sections of readings, insulin on board, basal rates and boluses, with more fields than the header."""
+    serial = f'"t:slim X2 Insulin Pump","{SERIAL}"'
+    readings = [f'{serial},"EGV","{time:%Y-%m-%dT%H:%M:%S}","{glucose(n)}",' for n, time in enumerate(every(5, count))]
+    boluses = [
+        (10, "4.50", "4.50", "", "0", "45"),
+        (20, "2.00", "5.00", "3.00", "120", "30"),  # the extended part beside what came at once
+        (30, "6.00", "6.00", "4.00", "60", "0"),  # as a part of it
+    ]
+    rows = [
+        f'"Bolus","Standard","120",,"{SERIAL}","{START + timedelta(minutes=at):%Y-%m-%dT%H:%M:%S}","{units}",'
+        f'"{later}","{minutes}","{grams}","{whole}","0","0","Correction & Food Bolus","x",'
+        for at, units, whole, later, minutes, grams in boluses
+    ]
+    return "\n".join(
+        [
+            "t:connect Therapy Timeline Data Export",
+            f"Patient Name, {NAME} {SURNAME}",
+            "",
+            "DeviceType,SerialNumber,Description,EventDateTime,Readings (CGM / BGM)",
+            *readings,
+            "",
+            "Type,EventID,EventDateTime,IOB",
+            f'"IOB","81","{START:%Y-%m-%dT%H:%M:%S}","13.24"',
+            "",
+            "Type,EventDateTime,BasalRate",
+            f'"Basal","{START:%Y-%m-%dT%H:%M:%S}","0.85"',
+            "",
+            "Type,BolusType,BG,IOB,SerialNumber,CompletionDateTime,InsulinDelivered,BolexInsulinDelivered,Duration,"
+            "CarbSize,ActualTotalBolusRequested,IsQuickBolus,EventHistoryReportEventDesc",
+            *rows,
+            "",
+        ]
+    )
+
+
+def xdrip(count=40):
+    """xDrip's file in the form of SiDiary."""
+    rows = [f"{time:%d.%m.%Y;%H:%M};{glucose(n)};;;;" for n, time in enumerate(every(5, count))]
+    more = [f"{START:%d.%m.%Y;%H:%M};;;40;3.5;{NAME}", f"{START:%d.%m.%Y;%H:%M};;118;;;"]
+    return "\n".join(["DAY;TIME;UDT_CGMS;BG_LEVEL;CH_GR;BOLUS;REMARK", *rows, *more]) + "\n"
+
+
+def jaeb(count=40, people=("7",)):
+    """REPLACE-BG's table of the sensor, with days since enrolment beside a clock."""
+    rows = [
+        f"{n}|{who}|{SERIAL}|2|{time:%H:%M:%S}|CGM|{glucose(n)}"
+        for n, time in enumerate(every(5, count))
+        for who in people
+    ]
+    names = "RecID|PtID|ParentHDeviceUploadsID|DeviceDtTmDaysFromEnroll|DeviceTm|RecordType|GlucoseValue"
+    return "\n".join([names, *rows, f"1|7|{SERIAL}|2|00:09:00|Calibration|120"]) + "\n"
+
+
+def tidepool_table(count=40, offset=-420):
+    """Tidepool's table of the sensor, as in its workbooks."""
+    names = (
+        "Zulu Time,Local Time,Device Time,Tidepool Data Type,Value,Units,Timezone Offset,Conversion Offset,"
+        "Clock Drift Offset,Device Id,Id,Upload Id,Payload,Annotations"
+    )
+    rows = [
+        f"{time - timedelta(minutes=offset):%Y-%m-%d %H:%M:%S},{time:%Y-%m-%d %H:%M:%S},{time:%Y-%m-%d %H:%M:%S},cbg,"
+        f"{glucose(n)},mg/dL,{offset},0,0,DexG6_{SERIAL},x,{SERIAL},,"
+        for n, time in enumerate(every(5, count))
+    ]
+    return "\n".join([names, *rows]) + "\n"
+
+
+SHANGHAI_HEADER = (
+    "Date",
+    "CGM (mg / dl)",
+    "CBG (mg / dl)",
+    "Blood Ketone (mmol / L)",
+    "Dietary intake",
+    "饮食",
+    "Insulin dose - s.c.",
+    "Non-insulin hypoglycemic agents",
+    "CSII - bolus insulin (Novolin R, IU)",
+    "CSII - basal insulin (Novolin R, IU / H)",
+    "Insulin dose - i.v.",
+)
+
+
+def shanghai(count=40):
+    """Rows of a stay of a person of ShanghaiT1DM."""
+    rows = [[time, glucose(n), *[None] * 9] for n, time in enumerate(every(15, count))]
+    for row, column, cell in (
+        (0, 9, 0.8),
+        (2, 4, "Rice 100 g"),
+        (2, 6, "Novolin R, 2 IU; insulin glargine, 14 IU"),
+        (3, 6, "insulin aspart 70/30, 10 IU"),
+        (4, 2, 118),
+        (5, 8, 4.5),
+        (6, 9, "temporarily suspend insulin delivery"),
+        (8, 9, 0.9),
+        (9, 10, "500ml 0.9% sodium chloride, 12 IU Novolin R"),
+    ):
+        rows[row][column] = cell
+    return [list(SHANGHAI_HEADER), *rows]
+
+
+def as_tabs(rows):
+    """Rows of a sheet as a text with tabs, as a workbook's tables are read."""
+    return "\n".join("\t".join("" if cell is None else str(cell) for cell in row) for row in rows) + "\n"
+
+
+def diasend(count=40):
+    """Sheets of a workbook of Diasend."""
+    readings = [[f"{time:%d/%m/%Y %H:%M}", glucose(n) / 18.0] for n, time in enumerate(every(5, count))]
+    names = ("Time", "Basal Amount (U/h)", "Bolus Type", "Bolus Volume (U)", "Immediate Volume (U)")
+    begin, five, nine = (f"{START + timedelta(minutes=at):%d/%m/%Y %H:%M}" for at in (0, 5, 9))
+    return {
+        "Name and glucose": [[NAME, SURNAME], ["Time", "mmol/L"], [begin, 6.5]],
+        "CGM": [["Serial number:", SERIAL], ["Time", "mmol/L"], *readings],
+        "Insulin use and carbs": [
+            [*names, "Extended Volume (U)", "Duration (min)", "Carbs(g)", "Notes"],
+            [begin, 0.75, *[None] * 7],
+            [five, None, "Normal", 4.5, None, None, None, 45, None],
+            [nine, None, "Combo", 6, 2, 4, 120, None, NAME],
+        ],
+        "Alarms and events": [["Time", "Event"], [begin, "Occlusion"]],
+    }
+
+
 _SENSOR = [(time, {"Sensor Glucose": str(glucose(number))}) for number, time in enumerate(every(5, 30))]
 FILES = {
     "clarity": clarity(30),
@@ -207,6 +331,12 @@ FILES = {
     "azt1d": azt1d(30),
     "t1d-uom": t1d_uom(30),
     "hupa-ucm": hupa_ucm(30),
+    "tandem": tandem(30),
+    "xdrip": xdrip(30),
+    "jaeb": jaeb(30),
+    "tidepool-table": tidepool_table(30),
+    "shanghai": as_tabs(shanghai(30)),
+    "diasend": "Sheet: CGM\n" + as_tabs(diasend(30)["CGM"]),
     "ohio": ohio(glucose_level=[{"ts": f"{time:%d-%m-%Y %H:%M:%S}", "value": "100"} for time in every(5, 30)]),
 }
 """A file of each vendor, with 30 readings."""

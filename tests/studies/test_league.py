@@ -23,7 +23,7 @@ from glucoloop.studies.league.numbers import (
     over_all_cells,
     ranking,
 )
-from glucoloop.studies.league.report import page, sentences
+from glucoloop.studies.league.report import _first, page, sentences
 from glucoloop.studies.league.study import _LeagueSearch, _lines_of, _shards_of, rows
 from glucoloop.trials import engine
 
@@ -152,6 +152,10 @@ def test_equals_are_not_told_apart_and_best_for_nobody():
     assert not found["overall"]["distinguished"]
     assert not found["worst_off"]["distinguished"]
     assert found["for_whom"] == {"one": 0, "other": 0}
+    assert _first(found["overall"]) == "shared by one, other, each with a glycemia risk index of 29.5"
+    assert _first(ranked(one=np.zeros(9), other=np.ones(9))["overall"]).startswith(
+        "one with a glycemia risk index of 0.0"
+    )
 
 
 def test_few_of_the_worst_off_are_not_told_apart():
@@ -339,6 +343,8 @@ def test_the_nearest_is_that_with_the_least_distance_on_any_sensor():
     rows_ += [row("f", "s", "day", "c", 2.0), row("f", "t", "day", "d", -1.0)]
     found = [(of["family"], of["scenario"], of["nearest"]) for of in reach.nearest(rows_)]
     assert found == [("f", ALL, "d"), ("f", "day", "d, t")]
+    equal = [row("f", ALL, ALL, name, 0.0) for name in ("c", "d")]
+    assert [of["nearest"] for of in reach.nearest(equal)] == ["c; d"]
 
 
 def test_the_best_doses_come_last_so_that_those_of_more_people_follow():

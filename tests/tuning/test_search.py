@@ -225,6 +225,7 @@ def test_rank_by_hand():
     assert [surface.rank_of(tuning).rank for tuning in surface.tunings] == [None, None, 2, 1, None, 2, 4]
     rank = surface.rank_of(MPCTuning(1, 7))
     assert (rank.points, rank.sse, rank.best, rank.best_sse) == (4, 9.0, MPCTuning(1, 4), 5.0)
+    assert [surface.rank_of(tuning).equal for tuning in surface.tunings] == [0, 0, 1, 0, 0, 1, 0]
 
 
 def test_nothing_acceptable_and_nothing_found():

@@ -1,7 +1,8 @@
 """Packing of the page: one HTML file with its modules, styles, numbers and WebAssembly, which asks the network nothing.
 
 The modules are one program, compressed. Workers begin with the same program, since they cannot load modules from a file
-on a disk. The policy of the page forbids every connection, and every script but this program and what unpacks it.
+on a disk. The policy of the page forbids every connection, every script but this program and what unpacks it, and
+every style but its own style sheet.
 """
 
 from __future__ import annotations
@@ -39,10 +40,12 @@ def page(people: tuple[str, str] | None = None, language: str | None = None) -> 
 
         data = json.dumps(with_people(json.loads(data), *people), separators=(",", ":")).encode()
     start, code = _read("start.js"), f"{{{_program(language)}{_BEGIN}}}\n"
+    style = colours() + _read("lab.css")
     parts = {
         "VERSION": html.escape(glucoloop.__version__),
         "SCRIPTS": f"{policy_source(start)} {policy_source(code)}",
-        "STYLE": colours() + _read("lab.css"),
+        "STYLES": policy_source(style),
+        "STYLE": style,
         "START": start,
         "CODE": _packed(code.encode()),
         "MODULE": _packed(MODULE.read_bytes()),

@@ -63,9 +63,9 @@ def _as_function(code: str, path: Path) -> str:
     return f"{_COMMENT.sub('', body)}return {{ {exported} }};"
 
 
-def policy_source(script: str) -> str:
-    """Source by which a content security policy runs a script of the page, and no other: its hash."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+def policy_source(text: str) -> str:
+    """Source by which a content security policy takes a script or a style sheet of the page, and no other: its hash."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 @functools.cache

@@ -65,7 +65,7 @@ class AnyTable(ReaderComponent, name="table"):
         by_text = {name.casefold(): name for name in reversed(table.frame.columns)}
         columns = {target: by_text[name.casefold()] for target, name in present.items()}
         frame = table.frame.select(**{target: table.texts(name) for target, name in columns.items()})
-        times, notes = _times(frame, answers)
+        times, notes = table_times(frame, answers)
         who = person_column(table.frame, set(columns.values()), times["time"], answers)
         kept = {name: target for name, target in _VALUES.items() if target in present}
         if "glucose_mmol_l" in present:
@@ -101,7 +101,7 @@ class AnyTable(ReaderComponent, name="table"):
         return {}
 
 
-def _times(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
+def table_times(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Times of a table: seconds or milliseconds since 1970, texts, or a clock beside the date."""
     epoch = frame["time"].drop_nulls()
     if len(epoch) and epoch.str.contains(_EPOCH).all():

@@ -12,33 +12,25 @@ M. Khamesian et al., "AZT1D: a real-world dataset for type 1 diabetes", 2025, do
 
 from __future__ import annotations
 
-from typing import Final
+from typing import ClassVar
 
 import polars as pl
 
 from glucoloop.records.answers import MIXED_RATES, Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
-from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.refusal import Refusal
-
-_HEADER: Final = ("EventDateTime", "BolusType", "Basal", "TotalBolusInsulinDelivered", "CarbSize")
 
 
-class AZT1D(ReaderComponent, name="azt1d"):
+class AZT1D(TableReaderComponent, name="azt1d"):
     """CSV of the data set AZT1D, of pumps of Tandem and sensors of Dexcom."""
 
-    def recognised(self, content: FileText) -> bool:
-        """Whether a file has the header of the data set."""
-        return content.header(*_HEADER, whole=True) is not None
+    headers: ClassVar = (("EventDateTime", "BolusType", "Basal", "TotalBolusInsulinDelivered", "CarbSize"),)
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of the file of one person."""
-        place = content.header(*_HEADER, whole=True)
-        if place is None:
-            raise Refusal("it has no header of AZT1D, EventDateTime, BolusType, Basal and so on; give it as published")
-        table = content.table(place)
+        _, table = self.table(content)
         frame = table.frame.select(
             time=table.texts("EventDateTime"),
             glucose=table.texts(table.column("CGM", "Readings (CGM")),

@@ -14,9 +14,8 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
-from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.refusal import Refusal
 
 _SENSOR: Final = ("Timestamp", "CGM Glucose Value (")
 _BOLUS: Final = ("Timestamp", "Insulin Type", "Insulin Delivered (U)", "Carbs Input (")
@@ -29,23 +28,17 @@ _NAMED: Final = {
 _UNITS: Final = ("mmol/l", "mg/dl")
 
 
-class Glooko(ReaderComponent, name="glooko"):
+class Glooko(TableReaderComponent, name="glooko"):
     """CSV files that Glooko exports in a ZIP, or that ZIP."""
 
     in_parts: ClassVar = True
     in_exports: ClassVar = True
-
-    def recognised(self, content: FileText) -> bool:
-        """Whether a file has one of the headers of Glooko."""
-        return any(content.header(*names) for names in (_SENSOR, _BOLUS, _BASAL, *_NAMED))
+    headers: ClassVar = (_SENSOR, _BOLUS, _BASAL, *_NAMED)
+    whole: ClassVar = False
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of one of the files of an export."""
-        headers = {names: content.header(*names) for names in (_SENSOR, _BOLUS, _BASAL, *_NAMED)}
-        what, place = next(((names, place) for names, place in headers.items() if place), ((), None))
-        if place is None:
-            raise Refusal("it has no header of Glooko, as Timestamp and CGM Glucose Value; give the ZIP as exported")
-        table = content.table(place)
+        header, table = self.table(content)
         glucose = table.column("CGM Glucose Value (")
         frame = table.frame.select(
             time=table.texts(table.column("Timestamp")),
@@ -59,18 +52,18 @@ class Glooko(ReaderComponent, name="glooko"):
         )
         times, notes = times_of(frame["time"], answers)
         columns: dict[str, pl.Expr] = {}
-        if what == _SENSOR:
+        if header == _SENSOR:
             columns = {"glucose": pl.col("glucose"), "source": pl.col("serial")}
-        elif what == _BOLUS:
+        elif header == _BOLUS:
             columns = {"bolus": pl.col("bolus"), "carbs": pl.col("carbs")}
-        elif what == _BASAL:
+        elif header == _BASAL:
             suspended = pl.col("type").str.contains("(?i)suspend")
             unknown = pl.col("rate").is_null() & pl.col("percentage").is_not_null()
             rate = pl.when(suspended).then(pl.lit("0")).when(unknown).then(pl.lit("?")).otherwise("rate")
             columns = {"basal": rate}
         return Extract(
             frame=extract_frame(
-                frame, times, table.spoilt, **columns, kind=pl.lit(_NAMED.get(what, "rows without a value"))
+                frame, times, table.spoilt, **columns, kind=pl.lit(_NAMED.get(header, "rows without a value"))
             ),
             glucose_unit=next((unit for unit in _UNITS if unit in (glucose or "").casefold()), None),
             notes=(*table.notes, *notes),

@@ -10,33 +10,27 @@ J. I. Hidalgo et al., "HUPA-UCM diabetes dataset", Data in Brief 55, 110559, 202
 
 from __future__ import annotations
 
-from typing import Final
+from typing import ClassVar, Final
 
 import polars as pl
 
 from glucoloop.records.answers import Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
-from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.refusal import Refusal
 
 _HEADER: Final = ("time", "glucose", "basal_rate", "bolus_volume_delivered", "carb_input")
 
 
-class HupaUcm(ReaderComponent, name="hupa-ucm"):
+class HupaUcm(TableReaderComponent, name="hupa-ucm"):
     """CSV of the data set HUPA-UCM."""
 
-    def recognised(self, content: FileText) -> bool:
-        """Whether a file has the header of the data set."""
-        return content.header(*_HEADER, whole=True) is not None
+    headers: ClassVar = (_HEADER,)
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of the file of one person."""
-        place = content.header(*_HEADER, whole=True)
-        if place is None:
-            raise Refusal("it has no header of HUPA-UCM, time, glucose, basal_rate and so on; give it as published")
-        table = content.table(place)
+        _, table = self.table(content)
         frame = table.frame.select(**{name: table.texts(name) for name in _HEADER})
         times, notes = times_of(frame["time"], answers)
         return Extract(

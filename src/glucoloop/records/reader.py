@@ -1,15 +1,19 @@
-"""Class of which every reader of files is one."""
+"""Classes of which every reader of files is one."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
 from glucoloop.component.base import Component
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from glucoloop.records.answers import Answers
     from glucoloop.records.extract import Extract
-    from glucoloop.records.file_text import FileText
+    from glucoloop.records.file_text import CellTable, FileText
+
+Header = tuple[str, ...]
+"""Names of fields that stand in one line of a file."""
 
 
 class ReaderComponent(Component):
@@ -35,3 +39,27 @@ class ReaderComponent(Component):
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of a file, every one of them; Refusal where it leaves something open that was not given."""
         raise NotImplementedError
+
+
+class TableReaderComponent(ReaderComponent):
+    """Reader of tables that are recognised by the names in their header."""
+
+    headers: ClassVar[tuple[Header, ...]] = ()
+    """Names in the header of each table of its kind."""
+    whole: ClassVar[bool] = True
+    """Whether fields of a header are these names; else they begin with them."""
+
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file has one of the headers."""
+        return any(content.header(*names, whole=self.whole) for names in self.headers)
+
+    def table(self, content: FileText) -> tuple[Header, CellTable]:
+        """Names of the header that a file has, and its table; Refusal where it has none of them."""
+        for names in self.headers:
+            place = content.header(*names, whole=self.whole)
+            if place is not None:
+                return names, content.table(place)
+        raise Refusal(
+            f"it has no header of the reader {self.name}, as {', '.join(self.headers[0])}; "
+            "give the file as it was exported or published"
+        )

@@ -21,6 +21,7 @@ from glucoloop.records.readers import READERS
 from glucoloop.records.record import PARQUET, DeviceRecord, FileRefusal, record_from_parquet
 from glucoloop.records.tidy import record_of, settled
 from glucoloop.records.user_files import ZIP, UserFile, files_of
+from glucoloop.records.workbook import is_workbook
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many, printable
 
@@ -97,7 +98,10 @@ def _recognised(
             raise unread[0]
         with refusing(files[0].path):
             raise Refusal("none of the files has readings, meals or insulin; give those too")
-    notes = [f"{how_many(len(unread), 'file')} of the folder or ZIP that no reader knows: not read."] if unread else []
+    notes = []
+    if unread:
+        count = how_many(len(unread), "file or table", "files or tables")
+        notes = [f"{count} of the folder, ZIP or workbook that no reader knows: not read."]
     return result, answers, notes
 
 
@@ -169,8 +173,17 @@ def _is_known(path: Path) -> bool:
     """Whether a file is one with records, by its form; one that cannot be read is, and is refused later."""
     try:
         data = read_bytes(path)
-        if not data.startswith((PARQUET, ZIP)):
-            reader_of(content_of(data), Answers())
+        if data.startswith((PARQUET, ZIP)) and not is_workbook(data):
+            return True
+        return any(_is_known_text(file.data) for file in files_of(path))
+    except Refusal:
+        return True
+
+
+def _is_known_text(data: bytes) -> bool:
+    """Whether a reader takes a text, or it is none."""
+    try:
+        reader_of(content_of(data), Answers())
     except Refusal as error:
         return not error.problem.startswith("no reader knows it")
     return True

@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import ClassVar, Final
 
 import polars as pl
 
 from glucoloop.records.answers import Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
-from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.simulated import amounts, sample_min
 from glucoloop.records.times import times_of
-from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_H
 
 _HEADER: Final = ("t", "glucose", "cho", "bolus", "basal")
 
 
-class ReplayBG(ReaderComponent, name="replaybg"):
+class ReplayBG(TableReaderComponent, name="replaybg"):
     """CSV of data of ReplayBG."""
 
-    def recognised(self, content: FileText) -> bool:
-        """Whether a file has the header of ReplayBG."""
-        return content.header(*_HEADER, whole=True) is not None
+    headers: ClassVar = (_HEADER,)
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of a table of ReplayBG."""
-        place = content.header(*_HEADER, whole=True)
-        if place is None:
-            raise Refusal("it has no header of ReplayBG, t, glucose, cho, bolus and basal; write it again")
-        table = content.table(place)
+        _, table = self.table(content)
         names = {name.casefold(): name for name in table.frame.columns}
         frame = table.frame.select(**{name: table.texts(names[name]) for name in _HEADER})
         times, notes = times_of(frame["t"], answers)

@@ -18,16 +18,16 @@ import polars as pl
 from glucoloop.records.answers import DAY_FIRST, Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
-from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.refusal import Refusal
 
-_HEADERS: Final = {
-    "glucose": ("bg_ts", "value"),
-    "bolus": ("bolus_ts", "bolus_dose"),
-    "basal": ("basal_ts", "basal_dose", "insulin_kind"),
-    "carbs": ("meal_ts", "carbs_g"),
+_COLUMNS: Final = {
+    ("bg_ts", "value"): "glucose",
+    ("bolus_ts", "bolus_dose"): "bolus",
+    ("basal_ts", "basal_dose", "insulin_kind"): "basal",
+    ("meal_ts", "carbs_g"): "carbs",
 }
+"""Our name of the values of each file, by its header."""
 _KINDS: Final = {
     "glucose": "readings without a value",
     "bolus": "boluses without a dose",
@@ -36,23 +36,16 @@ _KINDS: Final = {
 }
 
 
-class T1dUom(ReaderComponent, name="t1d-uom"):
+class T1dUom(TableReaderComponent, name="t1d-uom"):
     """CSV of the data set T1D-UOM; give the files of a person together."""
 
     in_parts: ClassVar = True
-
-    def recognised(self, content: FileText) -> bool:
-        """Whether a file has a header of the data set."""
-        return any(content.header(*names, whole=True) for names in _HEADERS.values())
+    headers: ClassVar = tuple(_COLUMNS)
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of one of the files of a person."""
-        places = ((of, content.header(*names, whole=True)) for of, names in _HEADERS.items())
-        what, place = next(((of, place) for of, place in places if place is not None), ("", None))
-        if place is None:
-            raise Refusal("it has no header of T1D-UOM, as bg_ts and value; give it as published")
-        table = content.table(place)
-        time, value = _HEADERS[what][:2]
+        header, table = self.table(content)
+        what, (time, value) = _COLUMNS[header], header[:2]
         frame = table.frame.select(
             time=table.texts(time), value=table.texts(value), kind=table.texts(table.column("insulin_kind"))
         )

@@ -1,13 +1,14 @@
-"""JSON of Tidepool: a list of data of all devices, each with its type.
+"""JSON of Tidepool, a list of data of all devices with their types; its workbooks and CSV are tables of the same.
 
 ``time`` is in UTC, ``deviceTime`` on the clock of the device, and ``timezoneOffset`` the minutes between them. Glucose
 is in mmol/l, unless its ``units`` say otherwise. Annotations mark readings beyond the range of the sensor. Basal rates
-are segments with a rate and a duration in ms.
+are segments with a rate and a duration in ms. Tables have a column for each of these values; durations there are in
+minutes, and ``Zulu Time`` is the time in UTC.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import polars as pl
 
@@ -15,9 +16,9 @@ from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, cells, extract_frame, finite, number_in, with_basal, with_doses
-from glucoloop.records.file_text import FileText
+from glucoloop.records.file_text import CellTable, FileText, json_of
 from glucoloop.records.insulins import is_long_acting
-from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.units import MG_DL_PER_MMOL_L, S_PER_MIN
 
@@ -34,20 +35,38 @@ _KINDS: Final = {
 _MS_PER_MIN: Final = 1000.0 * S_PER_MIN
 
 
-class Tidepool(ReaderComponent, name="tidepool"):
-    """JSON that Tidepool exports."""
+_TABLES: Final = (
+    ("Zulu Time", "Local Time", "Tidepool Data Type"),
+    ("Zulu Time", "Local Time", "Tidepool Wizard Type"),
+    ("time", "deviceTime", "type", "uploadId"),
+)
+_NAMES: Final = {"zulu time": "time", "tidepool data type": "type", "tidepool wizard type": "type"}
+"""Names of values in a table that are not those of the data in words."""
+_NUMBERS: Final = ("value", "rate", "percent", "normal", "extended", "duration", "timezoneOffset", "carbInput")
+_VALUES_IN_JSON: Final = ("nutrition", "annotations", "dose", "formulation")
+
+
+class Tidepool(TableReaderComponent, name="tidepool"):
+    """JSON, workbooks and CSV that Tidepool exports."""
+
+    headers: ClassVar = _TABLES
 
     def recognised(self, content: FileText) -> bool:
-        """Whether a file is a list of data of Tidepool."""
+        """Whether a file is a list of data of Tidepool, or a table of them."""
         items = content.items
         if items is None:
-            return False
+            return super().recognised(content)
         first = [item for item in items[:50] if isinstance(item, dict)]
         return any(item.get("type") in _TYPES and "time" in item and "sgv" not in item for item in first)
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of an export of Tidepool."""
-        items = [item if isinstance(item, dict) else {} for item in content.objects()]
+        spoilt, told = None, tuple[str, ...]()
+        if content.items is None and super().recognised(content):
+            _, table = self.table(content)
+            items, spoilt, told = _items_of(table), table.spoilt, table.notes
+        else:
+            items = [item if isinstance(item, dict) else {} for item in content.objects()]
         times, notes = _times(items, answers)
         source = pl.DataFrame(
             {
@@ -67,6 +86,7 @@ class Tidepool(ReaderComponent, name="tidepool"):
         result = extract_frame(
             source,
             times,
+            spoilt,
             glucose=pl.col("value"),
             carbs=pl.col("grams"),
             bolus=pl.col("bolus"),
@@ -96,9 +116,42 @@ class Tidepool(ReaderComponent, name="tidepool"):
         return Extract(
             frame=with_basal(result, basal_rates(events)),
             glucose_unit="mg/dl",
-            notes=tuple(notes),
+            notes=(*told, *notes),
             zones=tuple(zones) if len(zones) == 1 else (),
         )
+
+
+def _items_of(table: CellTable) -> list[dict[str, Any]]:
+    """Data of Tidepool from the rows of a table, as they stand in its JSON."""
+    keys = [_key(name) for name in table.frame.columns]
+    rows = table.frame.select(table.texts(name) for name in table.frame.columns)
+    items: list[dict[str, Any]] = []
+    for row in rows.iter_rows():
+        item: dict[str, Any] = {key: cell for key, cell in zip(keys, row, strict=True) if cell is not None}
+        for key in _NUMBERS:
+            if key in item:
+                number = number_in(item[key])
+                item[key] = item[key] if number is None else number
+        if isinstance(item.get("duration"), float):
+            item["duration"] *= _MS_PER_MIN
+        if "suppressed.rate" in item:
+            item["suppressed"] = {"rate": number_in(item["suppressed.rate"])}
+        for key in _VALUES_IN_JSON:
+            if key in item:
+                item[key] = json_of(item[key])
+        items.append(item)
+    return items
+
+
+def _key(name: str) -> str:
+    """Name of a value in the JSON of Tidepool, of its name at the head of a column."""
+    words = name.partition(" (")[0]
+    if words.casefold() in _NAMES or " " not in words:
+        return _NAMES.get(words.casefold(), words[:1].lower() + words[1:])
+    first, *others = words.split()
+    divider = "." if first == "Suppressed" else ""
+    key = "".join(other.capitalize() for other in others)
+    return first.lower() + divider + (key[:1].lower() + key[1:] if divider else key)
 
 
 def _times(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.DataFrame, list[str]]:

@@ -1,4 +1,4 @@
-"""Files that a user names: one itself, those of a folder, and those of a ZIP as it was exported."""
+"""Files that a user names: one itself, those of a folder, of a ZIP as it was exported, and tables of a workbook."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from glucoloop.records.file_text import LARGEST_BYTES, read_bytes
+from glucoloop.records.workbook import is_workbook, sheets_of
 from glucoloop.refusal import Refusal
 
 ZIP: Final = b"PK\x03\x04"
 _MAX_FILES: Final = 1000
-_OFFICE: Final = "[Content_Types].xml"
 
 
 class UserFile(NamedTuple):
@@ -21,7 +21,7 @@ class UserFile(NamedTuple):
     path: Path
     data: bytes
     of_many: bool = False
-    """Whether it came with others, in a folder or a ZIP, some of which may be of another kind."""
+    """Whether it came with others, in a folder, a ZIP or a workbook, some of which may be of another kind."""
 
 
 def files_of(path: Path) -> list[UserFile]:
@@ -34,18 +34,28 @@ def files_of(path: Path) -> list[UserFile]:
             raise Refusal(f"it is a folder of {len(inside)} files, and at most {_MAX_FILES} can be read; divide it")
         return [file._replace(of_many=True) for one in inside for file in files_of(one)]
     data = read_bytes(path)
-    return _unpacked(path, data) if data.startswith(ZIP) else [UserFile(path, data)]
+    if data.startswith(ZIP) and not is_workbook(data):
+        return [file for place, inner in _unpacked(path, data) for file in _opened(place, inner, of_many=True)]
+    return _opened(path, data, of_many=False)
 
 
-def _unpacked(path: Path, data: bytes) -> list[UserFile]:
+def _opened(path: Path, data: bytes, *, of_many: bool) -> list[UserFile]:
+    """A file, or the tables of a workbook."""
+    if not is_workbook(data):
+        return [UserFile(path, data, of_many)]
+    sheets = sheets_of(data)
+    if not sheets:
+        raise Refusal("it is a workbook without a table; give the one that was exported")
+    return [UserFile(path, sheet, of_many or len(sheets) > 1) for sheet in sheets]
+
+
+def _unpacked(path: Path, data: bytes) -> list[tuple[Path, bytes]]:
     """Files of a ZIP, of bounded number and size."""
-    result: list[UserFile] = []
+    result: list[tuple[Path, bytes]] = []
     left = LARGEST_BYTES
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             names = archive.namelist()
-            if _OFFICE in names:
-                raise Refusal("it is a workbook of a spreadsheet; save its table as CSV, and give that")
             if len(names) > _MAX_FILES:
                 raise Refusal(f"it has {len(names)} files, and at most {_MAX_FILES} can be read; divide it")
             for name in sorted(names):
@@ -57,7 +67,7 @@ def _unpacked(path: Path, data: bytes) -> list[UserFile]:
                 left -= len(inside)
                 if left < 0:
                     raise Refusal(f"it unfolds to more than {LARGEST_BYTES} bytes; divide it")
-                result.append(UserFile(path / place.name, inside, of_many=True))
+                result.append((path / place.name, inside))
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
         if isinstance(error, Refusal):
             raise

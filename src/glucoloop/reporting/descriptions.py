@@ -169,9 +169,9 @@ def _settings(tuning: Mapping[str, Value]) -> str:
 
 def _length(horizon_min: float) -> str:
     days, rest = divmod(horizon_min, MIN_PER_DAY)
-    if rest or not days:
+    if not days:
         return f"{horizon_min:g} min"
-    return "a day" if days == 1.0 else f"{days:g} days"
+    return ("a day" if days == 1.0 else f"{days:g} days") + (f" and {rest:g} min" if rest else "")
 
 
 def _meal(meal: Meal, start_min: float | None) -> str:

@@ -71,7 +71,8 @@ def render(
     values |= {"title": title, "sentences": list(sentences), "facts": facts or {}, "repeat": repeat, "script": code}
     source = Markup(policy_source(f"\n{code}") if script else "'none'")
     page = _environment(template.parent).get_template(template.name)
-    return page.render(style=_style(), script_source=source, **values)
+    style = _style()
+    return page.render(style=style, style_source=Markup(policy_source(f"\n{style}")), script_source=source, **values)
 
 
 @functools.cache

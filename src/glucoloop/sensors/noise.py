@@ -78,6 +78,9 @@ class CorrelatedNoise(SensorAround, name="correlated-noise"):
         float, About("Correlation of the errors of two consecutive readings.", at_least=0.0, below=1.0)
     ] = 0.7
 
+    def recorded(self) -> None:
+        """Leave the noise out: a record has its own."""
+
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
         """State before the first reading; its error is drawn from the stationary distribution."""
         noise_key, inner_key = jax.random.split(key)

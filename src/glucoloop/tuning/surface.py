@@ -32,6 +32,8 @@ class TuningRank:
     sse: float
     best: MPCTuning | None
     best_sse: float | None
+    equal: int = 0
+    """Number of other acceptable points with the same sum."""
     label: str = "printed"
     """Kind of tuning: "printed" in the paper, or "usual" for another patient than the paper's."""
 
@@ -110,6 +112,7 @@ class TuningSurface:
             sse=float(self.sse[point]),
             best=None if best is None else self.tunings[best],
             best_sse=None if best is None else float(self.sse[best]),
+            equal=int((acceptable & (self.sse == self.sse[point])).sum()) - 1 if acceptable[point] else 0,
             label=label,
         )
 

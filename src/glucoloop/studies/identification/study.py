@@ -199,10 +199,11 @@ def _about_meals(record: Record, identification: Identification) -> Iterator[str
         yield "Meals: none, as the column carbs_g says."
         return
     answer = np.asarray(identification.meal_impulse_response)
+    when = f"at most, {record.sample_time_min * (answer.argmax() + 1):g} min later"
+    rise = f"raises glucose by {answer.max():.2g} mg/dl {when}" if answer.max() > 0.0 else "never raises glucose"
     yield (
         f"Meals: {np.count_nonzero(eaten)} with {eaten.sum():g} g in all, whose response is fitted beside that to "
-        f"insulin; a gram raises glucose by {answer.max():.2g} mg/dl at most, "
-        f"{record.sample_time_min * (answer.argmax() + 1):g} min later."
+        f"insulin; a gram {rise}."
     )
 
 

@@ -216,9 +216,14 @@ def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:
 
 
 def _first_two(labels: list[str], values: Array, interval: Any) -> dict[str, Any]:
-    """The minimum value and the next, and the second less the first, with its interval."""
+    """The minimum value and the next, and the second less the first, with its interval; and who shares the minimum."""
     order = np.argsort(values, kind="stable")
-    results = {"gri": {labels[place]: float(values[place]) for place in order}, "best": labels[order[0]]}
+    equal = [labels[place] for place in order if values[place] == values[order[0]]]
+    results = {
+        "gri": {labels[place]: float(values[place]) for place in order},
+        "best": labels[order[0]],
+        "equal": equal if len(equal) > 1 else [],
+    }
     if order.size < 2:
         return results
     best, second = order[:2]

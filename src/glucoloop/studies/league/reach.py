@@ -186,9 +186,13 @@ def nearest(rows: Sequence[Row]) -> list[Row]:
     best: dict[tuple[str, str], Row] = {}
     for row in rows:
         place = row["family"], row["scenario"]
-        if row["same_people"] and (place not in best or row["gri_above_start"] < best[place]["gri_above_start"]):
-            name = row["controller"] if row["sensor"] == ALL else f"{row['controller']}, {row['sensor']}"
+        if not row["same_people"]:
+            continue
+        name = row["controller"] if row["sensor"] == ALL else f"{row['controller']}, {row['sensor']}"
+        if place not in best or row["gri_above_start"] < best[place]["gri_above_start"]:
             best[place] = {**row, "nearest": name}
+        elif row["gri_above_start"] == best[place]["gri_above_start"]:
+            best[place] = {**best[place], "nearest": f"{best[place]['nearest']}; {name}"}
     families = list(dict.fromkeys(family for family, _ in best))
     return sorted(best.values(), key=lambda row: families.index(row["family"]))
 

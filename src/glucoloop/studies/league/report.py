@@ -15,7 +15,7 @@ from glucoloop.reporting.template import render
 from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach, texts
 from glucoloop.studies.league.numbers import ALL, COLUMNS, signed
-from glucoloop.text import NOT_AVAILABLE, how_many
+from glucoloop.text import NOT_AVAILABLE, how_many, the_first
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -116,8 +116,11 @@ def _verdicts(results: Results) -> Iterator[str]:
 
 
 def _first(of: Mapping[str, Any]) -> str:
-    """The best controller, and how far ahead of the next it is."""
-    best = f"{of['best']} with a glycemia risk index of {of['gri'][of['best']]:.1f}"
+    """The best controller, and how far ahead of the next it is; or all those that share the minimum."""
+    index = f"a glycemia risk index of {of['gri'][of['best']]:.1f}"
+    if of.get("equal"):
+        return f"shared by {the_first(of['equal'])}, each with {index}"
+    best = f"{of['best']} with {index}"
     if "second" not in of:
         return f"{best}, the only one"
     interval = "" if of["low"] is None else f" (95 % interval {of['low']:z.1f} to {of['high']:z.1f})"

@@ -294,10 +294,11 @@ def _left_out(results: Results) -> Iterator[str]:
         )
     lost = {cell: row for cell, row in _Grid(results).rows.items() if row["people"] < feasible}
     if lost:
-        cell = min(lost, key=lambda cell: int(lost[cell]["people"]))
+        fewest = min(int(row["people"]) for row in lost.values())
+        where = _one_of([cell.label for cell, row in lost.items() if row["people"] == fewest])
         yield (
             f"In {len(lost)} of {len(results.rows)} combinations the glucose of some people, "
-            f"{feasible - lost[cell]['people']} of {how_many(feasible, 'person', 'people')} at most ({cell.label}), "
+            f"{feasible - fewest} of {how_many(feasible, 'person', 'people')} at most ({where}), "
             "did not stay a finite number, with or without the fault; they are in no number there."
         )
 
@@ -335,11 +336,17 @@ def _harm_of_the_guard(grid: _Grid) -> Iterator[str]:
     longer = [(row["below_60_mean_pct"] - bare["below_60_mean_pct"], row) for bare, row in pairs]
     longer = [(difference, row) for difference, row in longer if difference > 0.0]
     if longer:
-        most, row = max(longer, key=lambda each: each[0])
+        most = max(difference for difference, _ in longer)
+        where = _one_of(
+            [
+                f"{row['controller']} {'under' if row['fault'] else 'with'} {grid.names[row['fault']]}"
+                for difference, row in longer
+                if difference == most
+            ]
+        )
         yield (
             f"In {len(longer)} of {len(pairs)} combinations, those without a fault included, the mean time below "
-            f"60 mg/dl was longer with the guard than without it: by at most {percent(most)} of the run, in "
-            f"{row['controller']} {'under' if row['fault'] else 'with'} {grid.names[row['fault']]}."
+            f"60 mg/dl was longer with the guard than without it: by at most {percent(most)} of the run, in {where}."
         )
     elif pairs:
         yield "In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."
@@ -369,13 +376,19 @@ def _without_a_fault(grid: _Grid) -> Iterator[str]:
 def _beyond_the_model(grid: _Grid) -> Iterator[str]:
     beyond = {cell: row for cell, row in grid.rows.items() if row["people_below_validity"]}
     if beyond:
-        cell = max(beyond, key=lambda cell: int(beyond[cell]["people_below_validity"]))
-        row = beyond[cell]
+        most = max(int(row["people_below_validity"]) for row in beyond.values())
+        most_rows = {cell.label: row for cell, row in beyond.items() if row["people_below_validity"] == most}
+        row = next(iter(most_rows.values()))
         yield (
             f"In {len(beyond)} of {len(grid.rows)} combinations glucose fell below the valid range of the patient's "
             f"model, for at most {row['people_below_validity']} of {how_many(row['people'], 'person', 'people')} "
-            f"({cell.label}). Read it as severe hypoglycemia; its depth means nothing."
+            f"({_one_of(list(most_rows))}). Read it as severe hypoglycemia; its depth means nothing."
         )
+
+
+def _one_of(labels: Sequence[str]) -> str:
+    """The first of combinations that share an extreme, and the number of the others."""
+    return labels[0] if len(labels) == 1 else f"{labels[0]} and {len(labels) - 1} more"
 
 
 def _change(texts: Sequence[str]) -> str:

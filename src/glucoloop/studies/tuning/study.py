@@ -193,6 +193,9 @@ def sentences(config: GridSearch, results: Results) -> Iterator[str]:
         yield f"{subject} is not acceptable here."
     elif printed.points == 1:
         yield f"{subject} is the only acceptable one."
+    elif printed.rank == 1 and printed.equal:
+        others = "all others" if printed.equal == printed.points - 1 else how_many(printed.equal, "other")
+        yield f"{subject} shares the minimum sum of squared errors with {others} of {printed.points} acceptable ones."
     elif printed.rank == 1:
         yield f"{subject} is the best of {how_many(printed.points, 'acceptable one')}."
     else:

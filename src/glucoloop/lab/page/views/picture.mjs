@@ -94,7 +94,7 @@ function lane(session, { left, width }) {
   while (place.childElementCount < meals.length) place.append(mark(session, place.childElementCount));
   meals.forEach((meal, i) => {
     const button = /** @type {HTMLButtonElement} */ (place.children[i]);
-    attribute(button, "style", `left: ${left + (meal.t_min / end) * width}px`);
+    button.style.left = `${left + (meal.t_min / end) * width}px`;
     tell(button, texts.grams(meal.carbs_g));
     attribute(button, "aria-label", texts.meal(i + 1, meal.carbs_g, meal.t_min));
   });
