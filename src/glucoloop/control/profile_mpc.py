@@ -132,7 +132,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         float,
         About("Floor under the cautious forecast, in mg/dl, at most the target.", above=0.0, quantity=GLUCOSE_BOUND),
         DATA,
-    ] = 90.0
+    ] = 180.0
     floor_weight: Annotated[
         float,
         About("Cost of the cautious forecast below the floor, as a multiple of that above the target.", at_least=0.0),
@@ -157,7 +157,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         float,
         About("Weight on planned rates away from the basal rate, by their effect in mg/dl/min.", at_least=0.0),
         DATA,
-    ] = 90.0
+    ] = 180.0
     bolus_weight: Annotated[
         float,
         About(
@@ -165,7 +165,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
             at_least=0.0,
         ),
         DATA,
-    ] = 14.0
+    ] = 28.0
     automatic_boluses: Annotated[
         bool,
         About(
