@@ -30,8 +30,14 @@ _WORDS: Final = {
     "basal": "a basal rate",
 }
 _UNIT_OF: Final = {"carbs": "g", "bolus": "U", "long_acting": "U", "basal": "U/h"}
-_LOW: Final = "low", "lo", "niedrig", "tief", "bas", "bajo", "basso", "laag", "baixo", "lav", "låg", "<"
-_HIGH: Final = "high", "hi", "hoch", "haut", "élevé", "alto", "hoog", "høy", "høj", "hög", ">"
+_LOW: Final = (
+    *("low", "lo", "niedrig", "tief", "bas", "basse", "faible", "bajo", "baja", "basso", "bassa", "laag", "baixo"),
+    *("baixa", "lav", "lavt", "låg", "lågt", "niski", "niska", "niskie", "nízká", "nízka", "matala", "alacsony", "<"),
+)
+_HIGH: Final = (
+    *("high", "hi", "hoch", "haut", "haute", "élevé", "élevée", "alto", "alta", "hoog", "høy", "høyt", "høj", "højt"),
+    *("hög", "högt", "wysoki", "wysoka", "wysokie", "vysoká", "vysoka", "korkea", "magas", ">"),
+)
 _ASK_UNIT: Final = "say the unit, as file_units='{name}={example}' (--file-units)"
 _EXAMPLES: Final = {"carbs": "10g", "bolus": "mU", "long_acting": "mU", "basal": MIXED_RATES}
 _FEW: Final = 3

@@ -1,8 +1,8 @@
-"""CSV of CareLink, of pumps and sensors of Medtronic.
+"""CSV of CareLink, of pumps and sensors of Medtronic, in any language.
 
 The file has a section for each device, which begins with a line of dashes and a header. Numbers have a point or a
 comma. A bolus is logged twice, as it was selected and as it was delivered; the delivered dose counts. Sensors read from
-40 to 400 mg/dl.
+40 to 400 mg/dl. Where the words of a header are not known, columns are taken by their place.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Final
 import polars as pl
 
 from glucoloop.component.number_text import number_of
-from glucoloop.records.answers import Answers
+from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import kind_of
 from glucoloop.records.extract import Extract, extract_frame, with_basal
@@ -45,8 +45,35 @@ _COLUMNS: Final = {
     "marker": "Event Marker",
     "changed": "New Device Time",
 }
-_RUNNING: Final = ("NORMAL", "RESUM")
-"""Words of the state of a pump that delivers again."""
+_PLACES: Final = {
+    "date": 1,
+    "clock": 2,
+    "changed": 3,
+    "meter": 4,
+    "basal": 6,
+    "temp": 7,
+    "temp_type": 8,
+    "temp_duration": 9,
+    "bolus_type": 10,
+    "selected": 11,
+    "bolus": 12,
+    "bolus_duration": 13,
+    "prime": 15,
+    "alarm": 16,
+    "suspend": 17,
+    "carbs": 24,
+    "glucose": 31,
+    "marker": 33,
+}
+"""Place of each column in a language whose words are not known here."""
+_FEWEST_FIELDS: Final = 34
+_RUNNING: Final = (
+    *("NORMAL", "RESUM", "REPRIS", "REPRE", "REANUD", "RIPRES", "RIPRIST", "HERVAT", "RETOM", "WZNOW", "ÅTERUPP"),
+    *("FORTGES", "FORTSAT", "GJENOPP", "GENOPT", "OBNOV", "JATK"),
+)
+"""Beginnings of words of the state of a pump that delivers again."""
+_PERCENT: Final = ("percent", "prozent", "pourcent", "porcent", "percentu", "procent", "prosent", "prosentt", "%")
+_SQUARE: Final = ("square", "carr", "cuadrad", "quadra", "vierkant", "blok", "verzög", "prostok", "fyrkant", "firkant")
 
 
 class CareLink(ReaderComponent, name="carelink"):
@@ -54,23 +81,22 @@ class CareLink(ReaderComponent, name="carelink"):
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has a header of CareLink."""
-        return content.header(*_HEADER) is not None
+        return (content.header(*_HEADER) or _place_by_form(content)) is not None
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of all sections of an export of CareLink."""
-        place = content.header(*_HEADER)
+        by_words = content.header(*_HEADER)
+        place = by_words or _place_by_form(content)
         if place is None:
             raise Refusal("it has no header of CareLink, Index, Date, Time and so on; export it again")
-        delimiter = place[1]
-        sections = _sections(content.text, delimiter)
-        units = {unit for _, table in sections for unit in _units(table)}
+        sections = _sections(content.text, *place)
+        columns = [_columns(table, by_words is not None) for _, table in sections]
+        units = {unit for names in columns for unit in UNITS if unit in (names["glucose"] or "").casefold()}
         if len(units) > 1:
             raise Refusal("its sections have glucose in mg/dl and in mmol/l; export it again in one unit")
         parts = [
-            table.frame.select(
-                device=pl.lit(device), **{name: table.texts(table.column(start)) for name, start in _COLUMNS.items()}
-            )
-            for device, table in sections
+            table.frame.select(device=pl.lit(device), **{name: table.texts(column) for name, column in names.items()})
+            for (device, table), names in zip(sections, columns, strict=True)
         ]
         frame = pl.concat(parts).with_columns(
             pl.when(~pl.col(name).str.starts_with(_RULE)).then(name) for name in _COLUMNS if name != "device"
@@ -78,7 +104,10 @@ class CareLink(ReaderComponent, name="carelink"):
         spoilt = pl.concat([table.spoilt for _, table in sections])
         frame = frame.with_columns(pl.when(pl.lit(spoilt).is_null()).then(name) for name in _COLUMNS)
         times, notes = times_of(frame.select(pl.concat_str("date", "clock", separator=" ")).to_series(), answers)
+        if by_words is None:
+            notes.append("Its language is not known here: its columns were taken by their place, as in all languages.")
         meal = pl.col("marker").str.extract(r"(?i)^Meal: *([0-9.,]+) *g")
+        others = "other event markers" if by_words else "event markers in a language that is not known"
         known = pl.col("marker").str.extract(r"(?i)^(Insulin|Meal|Exercise|BG)\b").str.to_lowercase()
         words = {
             "insulin": "event markers of insulin of an unknown kind",
@@ -94,7 +123,7 @@ class CareLink(ReaderComponent, name="carelink"):
             .when(pl.col("exchanges").is_not_null())
             .then(pl.lit("meals in exchanges, not in grams"))
             .when(pl.col("marker").is_not_null())
-            .then(known.replace_strict(words, default="other event markers", return_dtype=pl.String))
+            .then(known.replace_strict(words, default=others, return_dtype=pl.String))
             .when(pl.col("alarm").is_not_null())
             .then(pl.lit("alarms"))
             .otherwise(pl.lit("entries about the device"))
@@ -122,25 +151,44 @@ class CareLink(ReaderComponent, name="carelink"):
         return Extract(frame=with_basal(result, basal_rates(events)), glucose_unit=unit, notes=(*tables, *notes))
 
 
-def _sections(text: str, delimiter: str) -> list[tuple[str, CellTable]]:
+def _place_by_form(content: FileText) -> tuple[int, str] | None:
+    """Place of a header in any language, by the units of meter, basal rate, boluses and sensor in their columns."""
+    for place, fields in content.fields:
+        if (
+            len(fields) >= _FEWEST_FIELDS
+            and all(any(unit in fields[at] for unit in UNITS) for at in (_PLACES["meter"], _PLACES["glucose"]))
+            and "/" in fields[_PLACES["basal"]]
+            and "(" in fields[_PLACES["bolus"]]
+        ):
+            return place
+    return None
+
+
+def _sections(text: str, header: int, delimiter: str) -> list[tuple[str, CellTable]]:
     """Kind of device and table of each section; the lines before the first one are about the person."""
     result: list[tuple[str, CellTable]] = []
     device, lines = "Medtronic", list[str]()
-    for line in [*text.split("\n"), _RULE]:
+    every = text.split("\n")
+    first = every[header].partition(delimiter)[0]
+    for line in [*every, _RULE]:
         if line.lstrip('"').startswith(_RULE):
             if len(result) == _MAX_SECTIONS:
                 raise Refusal(f"it has more than {_MAX_SECTIONS} sections of devices; divide it")
             if lines:
                 result.append((device, table_of("\n".join(lines), delimiter)))
             device, lines = kind_of(line, "Medtronic"), []
-        elif lines or line.lstrip('"').startswith("Index"):
+        elif lines or line.startswith(f"{first}{delimiter}"):
             lines.append(line)
     return result
 
 
-def _units(table: CellTable) -> list[str]:
-    column = (table.column("Sensor Glucose (") or "").casefold()
-    return [unit for unit in ("mg/dl", "mmol/l") if unit in column]
+def _columns(table: CellTable, known: bool) -> dict[str, str | None]:
+    """Names of the columns of a section, by their words or by their place."""
+    if known:
+        return {name: table.column(start) for name, start in _COLUMNS.items()}
+    columns = table.frame.columns
+    at = {name: _PLACES.get(name, len(columns)) for name in _COLUMNS}
+    return {name: columns[place] if place < len(columns) else None for name, place in at.items()}
 
 
 def _basal_events(frame: pl.DataFrame, result: pl.DataFrame) -> tuple[list[BasalEvent], int]:
@@ -164,7 +212,7 @@ def _basal_events(frame: pl.DataFrame, result: pl.DataFrame) -> tuple[list[Basal
             if entry["basal"] is not None:
                 events.append(BasalEvent(**at, what="usual", value=_number(entry["basal"])))
             if entry["temp"] is not None:
-                percent = "percent" in (entry["temp_type"] or "").casefold()
+                percent = any(word in (entry["temp_type"] or "").casefold() for word in _PERCENT)
                 events.append(
                     BasalEvent(
                         **at,
@@ -182,7 +230,7 @@ def _bolus_minutes(frame: pl.DataFrame) -> pl.Series:
     """Time over which each bolus is given, where its type is square or the square part of a dual one [min]."""
     parts = frame["bolus_duration"].str.extract_groups(r"^(\d+):(\d{2}):(\d{2})$").struct.unnest()
     hours, minutes, seconds = (pl.col(name).cast(pl.Float64, strict=False) for name in parts.columns)
-    square = frame["bolus_type"].str.to_lowercase().str.contains("square")
+    square = frame["bolus_type"].str.to_lowercase().str.contains_any(list(_SQUARE))
     return parts.select(pl.when(square).then(60.0 * hours + minutes + seconds / 60.0)).to_series()
 
 

@@ -24,17 +24,74 @@ from glucoloop.records.times import times_of
 _HEADERS: Final = (
     ("Device Timestamp", "Record Type", "Historic Glucose"),
     ("Gerätezeitstempel", "Aufzeichnungstyp", "Glukosewert-Verlauf"),
+    ("Horodatage de l'appareil", "Type d'enregistrement", "Historique de la glycémie"),
+    ("Marca de hora del dispositivo", "Tipo de registro", "Historial de glucosa"),
+    ("Sello de tiempo del dispositivo", "Tipo de registro", "Historial de glucosa"),
+    ("Timestamp del dispositivo", "Storico del glucosio"),
+    ("Tijdstempel apparaat", "Gegevenstype", "Historische glucose"),
+    ("Tijdstempel meter", "Gegevenstype", "Historische glucose"),
+    ("Carimbo de data/hora do dispositivo", "Histórico de glicose"),
+    ("Znacznik czasu w urządzeniu", "Rodzaj zapisu", "Historyczne stężenia glukozy"),
+    ("Enhetens tidsstämpel", "Registertyp", "Historiskt glukosvärde"),
+    # the program for a computer that was there before LibreView
+    ("ID", "Time", "Record Type", "Historic Glucose"),
+    ("ID", "Hora", "Tipo de registro", "Histórico glucosa"),
 )
 _NAMES: Final = {
-    "device": ("Device", "Gerät"),
-    "serial": ("Serial Number", "Seriennummer"),
-    "time": ("Device Timestamp", "Gerätezeitstempel"),
-    "type": ("Record Type", "Aufzeichnungstyp"),
-    "historic": ("Historic Glucose", "Glukosewert-Verlauf"),
-    "scan": ("Scan Glucose", "Glukose-Scan"),
-    "rapid": ("Rapid-Acting Insulin (", "Schnellwirkendes Insulin ("),
-    "slow": ("Long-Acting Insulin Value", "Long-Acting Insulin (", "Depotinsulin ("),
-    "carbs": ("Carbohydrates (grams)", "Kohlenhydrate (Gramm)"),
+    "device": ("Device", "Gerät", "Appareil", "Dispositivo", "Apparaat", "Meter", "Enhet"),
+    "serial": ("Serial Number", "Seriennummer", "Numéro de série", "Número de seri", "Serienummer"),
+    "time": (
+        *(header[0] for header in _HEADERS if header[0] != "ID"),
+        *(header[1] for header in _HEADERS if header[0] == "ID"),
+    ),
+    "type": tuple(dict.fromkeys(header[-2] for header in _HEADERS if len(header) > 2)),
+    "historic": tuple(dict.fromkeys(header[-1] for header in _HEADERS)),
+    "scan": (
+        "Scan Glucose",
+        "Glukose-Scan",
+        "Numérisation de la glycémie",
+        "Scan de glycémie",
+        "Escanear glucosa",
+        "Escaneo de glucosa",
+        "Glucosa leída",
+        "Analisar glicose",
+        "Stężenie glukozy na podstawie skanowania",
+        "Skanna glukosvärde",
+    ),
+    "rapid": (
+        "Rapid-Acting Insulin (",
+        "Schnellwirkendes Insulin (",
+        "Insuline à action rapide (",
+        "Insulina de acción rápida (",
+        "Insulina ad azione rapida (",
+        "Snelwerkende insuline (",
+        "Insulina de ação rápida (",
+        "Snabbverkande insulin (",
+    ),
+    "slow": (
+        "Long-Acting Insulin Value",
+        "Long-Acting Insulin (",
+        "Depotinsulin (",
+        "Insuline à action longue (",
+        "Insuline à action lente (",
+        "Insulina de acción larga (",
+        "Insulina de acción prolongada (",
+        "Insulina de acción lenta (",
+        "Insulina ad effetto prolungato (",
+        "Langwerkende insuline (",
+        "Insulina de ação prolongada (",
+        "Långtidsverkande insulin (",
+    ),
+    "carbs": (
+        "Carbohydrates (grams)",
+        "Kohlenhydrate (Gramm)",
+        "Glucides (grammes)",
+        "Carbohidratos (gramos)",
+        "Carboidrati (grammi)",
+        "Koolhydraten (gram)",
+        "Carboidratos (gramas)",
+        "Kolhydrater (gram)",
+    ),
 }
 _PLACES: Final = {
     "device": 0,
@@ -47,7 +104,7 @@ _PLACES: Final = {
     "carbs": 9,
     "slow": 12,
 }
-"""Place of each column in a language whose words are not known here."""
+"""Place of each column where its word in a language is not known here."""
 _FEWEST_FIELDS: Final = 14
 _HISTORIC, _SCAN, _INSULIN, _FOOD = "0", "1", "4", "5"
 _TYPES: Final = tuple("0123456")

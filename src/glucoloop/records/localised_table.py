@@ -59,9 +59,12 @@ class LocalisedTable:
         columns = table.frame.columns
         names = {name: table.column(*starts) for name, starts in self.names.items()}
         notes: tuple[str, ...] = ()
+        by_place = {name: columns[at] if at < len(columns) else None for name, at in self.places.items()}
         if by_words is None:
-            names = {name: columns[at] if at < len(columns) else None for name, at in self.places.items()}
+            names = by_place
             notes = ("Its language is not known here: its columns were taken by their place, as in all languages.",)
+        elif all(name is None or name == by_place[target] for target, name in names.items()):
+            names = {target: name or by_place[target] for target, name in names.items()}
         header = (names[self.glucose] or "").casefold()
         return LocalisedRows(
             table=table,

@@ -1,0 +1,130 @@
+"""Files of every form: ZIPs, folders, several files of a person, dates beside times, marks of encodings."""
+
+import io
+import json
+import zipfile
+from datetime import datetime
+
+import pytest
+
+import glucoloop as gl
+from device_files import START, clarity, every, glucose, libre, nightscout_entries, nightscout_treatments
+from glucoloop.records import read_people
+from record_values import rates_of, reading_times
+
+
+def zipped(**files):
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, text in files.items():
+            archive.writestr(f"Export/{name}.csv", text)
+    return buffer.getvalue()
+
+
+GLOOKO = {
+    "cgm_data_1": "Name:,X Y\nTimestamp,CGM Glucose Value (mg/dl),Serial Number\n"
+    + "".join(f"{time:%Y-%m-%d %H:%M},{glucose(n)},S\n" for n, time in enumerate(every(5, 40))),
+    "bolus_data_1": "Name:,X Y\nTimestamp,Insulin Type,Blood Glucose Input (mg/dl),Carbs Input (g),Carbs Ratio,"
+    "Insulin Delivered (U),Initial Delivery (U),Extended Delivery (U),Serial Number\n"
+    "2024-03-13 01:00,Normal,0,45,10,4.5,4.5,0,S\n2024-03-13 02:00,Normal,0,0,10,1.25,1.25,0,S\n",
+    "basal_data_1": "Name:,X Y\nTimestamp,Insulin Type,Duration (minutes),Percentage (%),Rate,Insulin Delivered (U),S\n"
+    "2024-03-13 00:00,Scheduled,60,,0.8,0.8,S\n2024-03-13 01:00,Suspend,30,,,0,S\n2024-03-13 01:30,Temp,30,50,,,S\n",
+    "readme": "nothing to read here",
+}
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_an_export_of_glooko_is_one_person(read, tmp_path, folder):
+    if folder:
+        (tmp_path / "export").mkdir()
+        for name, text in GLOOKO.items():
+            (tmp_path / "export" / f"{name}.csv").write_text(text)
+        record = gl.read_record(tmp_path / "export")
+    else:
+        record = read(zipped(**GLOOKO))
+    assert reading_times(record) == every(5, 40)
+    assert record.frame["carbs_g"].sum() == 45.0
+    assert record.frame["bolus_U"].sum() == 5.75
+    assert str([rate for _, rate in rates_of(record)]) == "[0.8, 0.0, nan]"
+    assert "1 file or table of the folder, ZIP or workbook that no reader knows: not read." in record.notes
+
+
+def test_a_folder_of_people_is_people_and_not_merged(tmp_path):
+    for number in range(3):
+        (tmp_path / f"p{number}.csv").write_text(clarity(20 + number))
+    (tmp_path / "p4").mkdir()
+    (tmp_path / "p4" / "entries.json").write_text(nightscout_entries())
+    treatments = nightscout_treatments((START, {"eventType": "Bolus", "insulin": 1.0}))
+    (tmp_path / "p4" / "treatments.json").write_text(treatments)
+    people = read_people(tmp_path)
+    assert [record.frame["glucose_mg_dl"].count() for record in people.values()] == [20, 21, 22, 40]
+    assert people["p4"].frame["bolus_U"].sum() == 1.0
+    with pytest.raises(gl.Refusal, match="it is of 4 people"):
+        gl.read_record(tmp_path)
+
+
+def test_a_damaged_zip_and_an_empty_one_are_refused(refused):
+    assert "a ZIP that is damaged" in refused(zipped(**GLOOKO)[:-40])
+    assert refused(zipped()[:4] + b"xx").startswith(("it is", "no reader"))
+
+
+def test_date_and_time_in_two_columns_with_bars(read):
+    lines = [f"{time:%m/%d/%Y}|{time:%H:%M:%S}|{glucose(n)}" for n, time in enumerate(every(5, 300))]
+    text = "\n".join(["DeviceDt|DeviceTm|Value", *lines])
+    record = read(text, columns="date=DeviceDt,time=DeviceTm,glucose_mg_dl=Value")
+    assert reading_times(record) == every(5, 300)
+
+
+def test_days_of_a_study_and_its_clock_by_people(tmp_path):
+    lines = [
+        f"{who}|{(time - START.replace(minute=0)).days - 1}|{time:%I:%M:%S %p}|{glucose(n)}"
+        for who in (7, 8)
+        for n, time in enumerate(every(5, 600))
+    ]
+    path = tmp_path / "cgm.txt"
+    path.write_text("\n".join(["PtID|DaysFromEnroll|DeviceTm|Value", *lines]))
+    people = read_people(path, columns="date=DaysFromEnroll,time=DeviceTm,glucose_mg_dl=Value")
+    assert list(people) == ["7", "8"]
+    assert reading_times(people["8"]) == every(5, 600, datetime(1999, 12, 31, 0, 3))
+
+
+def test_a_clock_alone_asks_for_its_date(refused):
+    text = "Tag,Uhr,BZ\n13.03.2024,07:00,100\n13.03.2024,07:05,101\n"
+    assert "name the column of dates too" in refused(text, columns="time=Uhr,glucose_mg_dl=BZ")
+
+
+def test_files_with_columns_of_their_own_are_one_person(read):
+    first = "Zeit,BZ\n2024-03-13 07:00,100\n2024-03-13 07:05,101\n"
+    second = "Uhrzeit,KH\n2024-03-13 07:00,45\n"
+    record = read(first, second, columns="time=Zeit|Uhrzeit,glucose_mg_dl=BZ,carbs_g=KH")
+    assert (record.frame["glucose_mg_dl"].count(), record.frame["carbs_g"].sum()) == (2, 45.0)
+    with pytest.raises(gl.Refusal, match="none of them has the column 'IE'"):
+        read(first, second, columns="time=Zeit|Uhrzeit,glucose_mg_dl=BZ,carbs_g=KH,bolus_U=IE")
+
+
+@pytest.mark.parametrize("mark", ["\ufeff", "\ufeff\ufeff", "\u00ef\u00bb\u00bf"])
+def test_a_mark_of_the_encoding_that_is_doubled_or_damaged(read, mark):
+    assert read((mark + clarity(20)).encode()).frame.equals(read(clarity(20)).frame)
+    assert read((mark + libre(20)).encode()).frame.height == 20
+
+
+def test_a_line_that_tells_a_spreadsheet_the_separator(read):
+    assert read("sep=;\n" + clarity(20).replace(",", ";")).frame.height == 20
+
+
+def test_lines_of_mongoexport_and_answers_of_version_3(read):
+    items = json.loads(nightscout_entries())
+    expected = read(json.dumps(items)).frame
+    lines = "\n".join(
+        json.dumps(
+            {
+                **item,
+                "_id": {"$oid": "1"},
+                "date": {"$numberLong": str(item["date"])},
+                "sgv": {"$numberInt": str(item["sgv"])},
+            }
+        )
+        for item in items
+    )
+    assert read(lines).frame.equals(expected)
+    assert read(json.dumps({"status": 200, "result": items})).frame.equals(expected)

@@ -1,0 +1,150 @@
+"""Everything that changes insulin is read, or named as such; amounts that nobody can mean are asked about."""
+
+import json
+from datetime import timedelta
+
+import polars as pl
+import pytest
+
+from device_files import START, every, nightscout_treatments
+from record_values import notes_of, profile, rates_of
+
+
+def doses(record):
+    return [tuple(row) for row in record.frame.filter(pl.col("bolus_U") > 0).select("bolus_U", "bolus_min").rows()]
+
+
+@pytest.mark.parametrize(
+    ("combo", "expected"),
+    [
+        ({"duration": 30, "splitNow": 0, "splitExt": 100, "enteredinsulin": 7, "relative": 14}, [(7.0, 30.0)]),
+        (
+            {"duration": 120, "splitNow": 40, "splitExt": 60, "enteredinsulin": 10, "insulin": 4, "relative": 3},
+            [(4.0, None), (6.0, 120.0)],
+        ),
+        ({"duration": "60", "enteredinsulin": "5", "splitNow": "50", "splitExt": "50"}, [(2.5, None), (2.5, 60.0)]),
+        ({"durationInMilliseconds": 1_800_000, "relative": 2.0}, [(1.0, 30.0)]),
+        ({"duration": 0, "enteredinsulin": 3}, [(3.0, None)]),
+    ],
+)
+def test_combo_boluses(read, combo, expected):
+    record = read(nightscout_treatments((START, {"eventType": "Combo Bolus", **combo})))
+    assert doses(record) == expected
+
+
+def test_what_nobody_gets_is_named(read):
+    record = read(
+        nightscout_treatments(
+            (START, {"eventType": "Meal Bolus", "insulin": 5, "carbs": 50, "isValid": False}),
+            (START + timedelta(hours=1), {"eventType": "Meal Bolus", "insulin": 2, "carbs": 20, "isValid": True}),
+            (START + timedelta(hours=2), {"eventType": "Correction Bolus", "insulin": 1, "type": "PRIMING"}),
+            (START + timedelta(hours=3), {"eventType": "Bolus"}),
+        )
+    )
+    assert (record.frame["bolus_U"].sum(), record.frame["carbs_g"].sum()) == (2.0, 20.0)
+    assert record.left_out == {
+        "entries that were deleted": 1,
+        "insulin that fills a tube or a cannula, which nobody gets": 1,
+        "entries about insulin without a dose": 1,
+    }
+
+
+def test_pens_of_long_acting_insulin(read):
+    pens = json.dumps([{"insulin": "Lantus", "units": 18.0}, {"insulin": "NovoRapid", "units": 4.0}])
+    record = read(
+        nightscout_treatments(
+            (START, {"eventType": "<none>", "insulin": 22, "insulinInjections": pens}),
+            (START + timedelta(hours=1), {"eventType": "Long-Acting Insulin", "insulin": 10}),
+        )
+    )
+    assert record.frame["long_acting_U"].drop_nulls().to_list() == [18.0, 10.0]
+    assert record.frame["bolus_U"].drop_nulls().to_list() == [4.0]
+
+
+@pytest.mark.parametrize(
+    ("stop", "go"),
+    [("Suspend Pump", "Resume Pump"), ("Pump Suspend", "Pump Resume"), ("PumpSuspended", "PumpResumed")],
+)
+def test_suspensions_in_each_spelling(read, stop, go):
+    meal = {"eventType": "Meal Bolus", "insulin": 1, "carbs": 10}
+    at = [START + timedelta(hours=hours) for hours in (0, 2, 5, 8)]
+    treatments = nightscout_treatments(
+        (at[0], meal), (at[1], {"eventType": stop}), (at[2], {"eventType": go}), (at[3], meal), offset=0
+    )
+    assert rates_of(read(treatments, profile("UTC"))) == [(at[0], 0.8), (at[1], 0.0), (at[2], 0.8)]
+
+
+@pytest.mark.parametrize(
+    ("temporary", "share"),
+    [
+        ({"percent": -50}, 0.5),
+        ({"percent": "50"}, 1.5),
+        ({"temp": "percent", "rate": 150}, 1.5),
+        ({"percent": -100}, 0.0),
+        ({"isAbsolute": False, "rate": 120}, 1.2),
+    ],
+)
+def test_percentages_as_uploaders_write_them(read, temporary, share):
+    meal = {"eventType": "Meal Bolus", "insulin": 1, "carbs": 10}
+    at = [START + timedelta(hours=hours) for hours in (0, 2, 3, 8)]
+    event = {"eventType": "Temp Basal", "duration": 60, **temporary}
+    treatments = nightscout_treatments((at[0], meal), (at[1], event), (at[3], meal), offset=0)
+    rates = rates_of(read(treatments, profile("UTC")))
+    assert rates == [(at[0], 0.8), (at[1], pytest.approx(0.8 * share)), (at[2], 0.8)]
+
+
+def test_a_switch_by_name_with_a_percentage(read):
+    meal = {"eventType": "Meal Bolus", "insulin": 1, "carbs": 10}
+    at = [START + timedelta(hours=hours) for hours in (0, 2, 5, 8)]
+    switch = {"eventType": "Profile Switch", "profile": "Default", "percentage": 50, "duration": 180}
+    treatments = nightscout_treatments((at[0], meal), (at[1], switch), (at[3], meal), offset=0)
+    assert rates_of(read(treatments, profile("UTC"))) == [(at[0], 0.8), (at[1], 0.4), (at[2], 0.8)]
+
+
+def table(rows, names="time,glucose_mg_dl,carbs_g,bolus_U,basal_U_h"):
+    return "\n".join([names, *(",".join(map(str, row)) for row in rows)]) + "\n"
+
+
+def with_basal(rates):
+    return table([(f"{time:%Y-%m-%d %H:%M}", 100 + n % 9, "", "", rate) for n, (time, rate) in enumerate(rates)])
+
+
+def test_a_rate_that_is_refused_is_not_known_from_there_on(read):
+    rates = [0.9] * 6 + [5.0] + [1910] * 3 + ["x"] + [0.9] * 6
+    text = with_basal(zip(every(60, len(rates)), rates, strict=True))
+    record = read(text)
+    assert str([rate for _, rate in rates_of(record)]) == str([0.9] * 6 + [5.0] + [float("nan")] * 4 + [0.9] * 6)
+    assert "not known from there on" in notes_of(record)
+    mixed = [rate for _, rate in rates_of(read(text, file_units="basal=U/h|mU/h"))]
+    assert mixed[7] == pytest.approx(1.91)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [("basal", [80] * 20, "a basal rate"), ("bolus", [8400] * 20, "a bolus"), ("carbs", [4000] * 20, "carbohydrate")],
+)
+def test_amounts_that_nobody_can_mean_are_asked_about(refused, name, values, words):
+    place = {"carbs": 2, "bolus": 3, "basal": 4}[name]
+    rows = []
+    for time, value in zip(every(60, 20), values, strict=True):
+        row = [f"{time:%Y-%m-%d %H:%M}", 100, "", "", ""]
+        row[place] = value
+        rows.append(row)
+    sentence = refused(table(rows))
+    assert words in sentence
+    assert f"file_units='{name}=" in sentence
+
+
+def test_a_daily_dose_that_nobody_can_mean_is_asked_about(refused):
+    rows = [(f"{time:%Y-%m-%d %H:%M}", 100, "", 90, "") for time in every(60, 48)]
+    assert "U of boluses on half of its days, which nobody can mean" in refused(table(rows))
+
+
+@pytest.mark.parametrize(
+    ("unit", "rate"), [("mU/h", 0.0009), ("U/5min", 10.8), ("mU/min", 0.054), ("U/day", 0.0375), ("U/h", 0.9)]
+)
+def test_units_of_any_table(read, unit, rate):
+    text = table([("2024-03-13 00:00", 100, 2, "", 0.9), ("2024-03-13 00:05", 101, "", "", 0.9)])
+    record = read(text, file_units=f"basal={unit},carbs=10g")
+    assert record.frame["basal_U_h"][0] == pytest.approx(rate)
+    assert record.frame["carbs_g"][0] == 20.0

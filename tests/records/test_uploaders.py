@@ -1,0 +1,68 @@
+"""One sensor that several uploaders send counts once, and so does a dose that two apps log."""
+
+import json
+from datetime import timedelta
+
+import pytest
+
+from device_files import START, nightscout_treatments
+from record_values import entries, notes_of
+
+
+@pytest.mark.parametrize("shift", [0, 1, 3])
+@pytest.mark.parametrize("names", [("share2", "xDrip-DexcomG6"), ("Dexcom A", "Dexcom B"), ("one", "one")])
+def test_one_sensor_by_two_uploaders_counts_once(read, names, shift):
+    start = START.replace(minute=0)
+    one, other = ([*entries(name, 0, late, 300, start)] for name, late in zip(names, (0, shift), strict=True))
+    for place, item in enumerate(other):
+        item["sgv"] = 100 + place // 10
+        one[place]["sgv"] = 100 + place // 10
+    record = read(json.dumps(one + other[:200]))
+    assert record.frame.height == 300
+    assert sum(record.left_out.values()) == 200
+
+
+@pytest.mark.parametrize("shift", [1, 2])
+def test_a_second_uploader_of_the_same_name_for_some_days(read, shift):
+    one, other = entries("share2", 0, 0, 900), entries("share2", 0, shift, 900)
+    for place, (first, second) in enumerate(zip(one, other, strict=True)):
+        first["sgv"] = second["sgv"] = 100 + place // 10 % 60
+    record = read(json.dumps(one + other[:200]))
+    assert record.frame.height == 900
+    assert record.left_out == {"readings of the same sensor by another uploader": 200}
+
+
+def test_sensors_that_disagree_are_shown_and_chosen(read, refused):
+    first, other = entries("Dexcom G7", 0), entries("xDrip-LibreReceiver", 0, 1)
+    for place, (one, two) in enumerate(zip(first, other, strict=True)):
+        one["sgv"], two["sgv"] = 100 + place // 10, 160 + place // 10
+    items = json.dumps(first + other[:30])
+    record = read(items)
+    assert set(record.frame["device"]) == {"Dexcom G7"}
+    assert "disagree, by 60 mg/dl in the median" in notes_of(record)
+    assert record.left_out == {"readings of a second sensor while the first one reads": 30}
+    chosen = read(items, device="freestyle libre")
+    assert chosen.frame["glucose_mg_dl"].min() >= 160.0
+    assert chosen.left_out == {"readings of other devices than the one that is chosen": 40}
+    assert "the readings are of" in refused(items, device="Dexcom G5")
+
+
+def test_two_parts_of_a_record_by_two_devices_stay(read):
+    record = read(json.dumps(entries("Dexcom G6", 0) + entries("Dexcom G7", 0, 200)))
+    assert record.frame.height == 80
+    assert not record.left_out
+
+
+def test_a_dose_in_two_apps_counts_once(read):
+    dose = {"eventType": "Meal Bolus", "insulin": 4.5, "carbs": 40}
+    at = [START + timedelta(seconds=seconds) for seconds in (0, 20, 600, 640)]
+    record = read(
+        nightscout_treatments(
+            (at[0], {**dose, "enteredBy": "Loop"}),
+            (at[1], {**dose, "enteredBy": "xDrip"}),
+            (at[2], {**dose, "enteredBy": "Loop"}),
+            (at[3], {**dose, "enteredBy": "Loop"}),
+        )
+    )
+    assert (record.frame["bolus_U"].sum(), record.frame["carbs_g"].sum()) == (13.5, 120.0)
+    assert sum(record.left_out.values()) == 1
