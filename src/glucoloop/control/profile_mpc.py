@@ -132,7 +132,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         float,
         About("Floor under the cautious forecast, in mg/dl, at most the target.", above=0.0, quantity=GLUCOSE_BOUND),
         DATA,
-    ] = 180.0
+    ] = 90.0
     floor_weight: Annotated[
         float,
         About("Cost of the cautious forecast below the floor, as a multiple of that above the target.", at_least=0.0),
