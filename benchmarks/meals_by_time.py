@@ -21,7 +21,7 @@ from glucoloop.estimation.unknown_meal.replay import replay
 from glucoloop.meals import Meal, Scenario
 from glucoloop.sensors import CorrelatedNoise, WhiteNoise, white_noise
 from glucoloop.simulation import simulate
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import default_case
 from glucoloop.situations.situation import Situation
 
 EVENING, EVENING_MIN, NIGHT_MIN, MEAL_MIN = "22:00", 22 * 60.0, 480.0, 240.0
@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument("--carbs", type=float, default=50.0, help="g of the meal")
     asked = parser.parse_args()
     situation = Situation(sensor=(WhiteNoise(variance=VARIANCE),), start=EVENING)
-    case, person = usual_case("meal-mpc", situation), situation.nominal
+    case, person = default_case("meal-mpc", situation), situation.nominal
     setpoint = float(person.setpoint_mg_dl)
     keys = jax.vmap(jax.random.key)(np.arange(asked.runs))
     for prior, by_time in (("all hours", ""), (asked.table, asked.table)):

@@ -16,7 +16,7 @@ from glucoloop.build.designs import controller_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.sensors import Lag, WhiteNoise, white_noise
 from glucoloop.simulation import simulate
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import default_case
 from glucoloop.situations.situation import Situation
 
 VARIANCE = 1.45
@@ -29,7 +29,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=30)
     asked = parser.parse_args()
     situation = Situation(sensor=(WhiteNoise(variance=VARIANCE),))
-    case, person = usual_case(asked.controller, situation), situation.nominal
+    case, person = default_case(asked.controller, situation), situation.nominal
     setpoint = float(person.setpoint_mg_dl)
     scenario = Scenario([Meal(50.0, 60.0)], 600.0)
     keys = jax.vmap(jax.random.key)(np.arange(asked.runs))

@@ -9,7 +9,7 @@ import pytest
 
 from device_files import clarity
 from glucoloop.cli import app
-from glucoloop.cli.request import request_of
+from glucoloop.cli.request import command_request
 from glucoloop.component.code import loaded
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
@@ -76,7 +76,7 @@ def refuse_unknown(line, texts):
     given = command.given(arguments)  # raises for an option that does not exist
     if words[0] in REQUESTS and "config" not in given:
         try:
-            read_root(REQUESTS[words[0]], request_of(given, command.options).tree)
+            read_root(REQUESTS[words[0]], command_request(given, command.options).tree)
         except Refusal as error:
             if f"{error}." not in texts:
                 raise

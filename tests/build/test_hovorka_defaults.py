@@ -7,15 +7,15 @@ from glucoloop.build.designs import controller_of, identified_model
 from glucoloop.meals import Meal, Scenario
 from glucoloop.models.state_space import step_response
 from glucoloop.simulation import linear_model, simulate
-from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import usual_situation
+from glucoloop.situations.case import default_case
+from glucoloop.situations.situation import default_situation
 
-SITUATION = usual_situation("hovorka-2004")
+SITUATION = default_situation("hovorka-2004")
 
 
 @pytest.fixture(scope="module")
 def model():
-    return identified_model(SITUATION, usual_case("mpc", SITUATION), SITUATION.nominal).model
+    return identified_model(SITUATION, default_case("mpc", SITUATION), SITUATION.nominal).model
 
 
 @pytest.mark.long
@@ -30,7 +30,7 @@ def test_the_identified_model_is_close_to_the_linear_one(model):
 @pytest.mark.long
 @pytest.mark.parametrize(("controller", "below_mg_dl"), [("mpc", 265.0), ("pid", 265.0)])
 def test_an_unannounced_meal_is_answered_without_low_glucose(model, controller, below_mg_dl):
-    loop = controller_of(SITUATION, usual_case(controller, SITUATION), model=model)
+    loop = controller_of(SITUATION, default_case(controller, SITUATION), model=model)
     trace = simulate(SITUATION.nominal, loop, scenario=Scenario([Meal(50.0, 50.0)], 1440.0))
     glucose = np.asarray(trace.fine_glucose_mg_dl)
     assert 120.0 < glucose.max() < below_mg_dl  # 291 mg/dl without a controller

@@ -13,8 +13,8 @@ from glucoloop.control.mpc_se import MPCSE, FilteredModels
 from glucoloop.patients import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import DeadTime
-from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.situations.case import default_case
+from glucoloop.situations.situation import Situation, default_situation
 from glucoloop.trials.trial import Trial
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
@@ -22,7 +22,7 @@ PERSONS = (0, 2, 8)
 
 
 def case(name, **more):
-    return dataclasses.replace(usual_case(name, Situation()), **more)
+    return dataclasses.replace(default_case(name, Situation()), **more)
 
 
 def with_floor(one):
@@ -95,8 +95,8 @@ def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "of"), [("mpc", "boiroux2017"), ("mpc-se", "nominal"), ("nlqdmc-se", "nominal")])
 def test_a_horizon_that_follows_from_the_model_is_that_of_the_nominal_patient_for_all(name, of):
-    situation = usual_situation("hovorka-2004")
-    one = usual_case(name, situation)
+    situation = default_situation("hovorka-2004")
+    one = default_case(name, situation)
     one = dataclasses.replace(one, controller=dataclasses.replace(one.controller, prediction_horizon=0))
     nominal = controller_of(situation, one)
     for persons in ([0], [1, 2]):  # whoever else is in a block

@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from glucoloop.component.code import found
+from glucoloop.component.request import Request, completed
 from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.part import ControllerComponent
@@ -113,6 +114,7 @@ def test_a_trial_designs_it_for_each_person(outside, glucoloop):
         ({"tunable": True}, "the controller x cannot be tunable: it lacks one of move_horizon"),
         ({"individual": ":f"}, "':f' of the controller x is no place"),
         ({"name": 1, "__annotations__": {"name": "int"}}, "a setting of X is called 'name', as of every component"),
+        ({"request": 1, "__annotations__": {"request": "int"}}, "a setting of X is called 'request', as of every"),
     ],
 )
 def test_a_part_that_cannot_be_meant_is_refused(changed, told):
@@ -128,7 +130,7 @@ def test_a_setting_that_does_not_say_what_it_means_is_refused():
         k: int = 1
 
     with pytest.raises(ValueError, match="k is 'a', a str; give a whole number"):
-        Mistyped.partial({}).completed()
+        completed(Request(Mistyped))
     with pytest.raises(TypeError, match=r"the setting k does not say what it means; annotate it, like k: Annotated"):
         Unsaid()
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from glucoloop.cli.app import command_of, names
 from glucoloop.cli.option import SET
-from glucoloop.cli.request import request_of
+from glucoloop.cli.request import command_request
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import read_root, request_from
+from glucoloop.situations.request import configuration_from, read_root
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation
 from glucoloop.situations.toml import toml_text
@@ -64,8 +64,8 @@ def test_the_example_of_a_setting_by_its_path_is_one_that_each_command_takes():
     for command in commands:
         with naming(command):
             given = command_of(command).given([SET.flag, example])
-            read = read_root(root_of(command), request_of(given, command_of(command).options).tree)
-            assert read.patient.operating_point == "fasting-81"
+            read = read_root(root_of(command), command_request(given, command_of(command).options).tree)
+            assert read.value("patient").value("operating_point") == "fasting-81"
 
 
 def test_an_unknown_option_is_refused_with_the_likely_one(refused):
@@ -92,7 +92,7 @@ def test_a_number_is_refused_by_the_name_of_its_option():
                 with naming(command, option.flag, value):
                     typed = command_of(command).given([option.flag, value, *files_of(command)])
                     with pytest.raises(Refusal) as refused:
-                        read_root(root_of(command), request_of(typed, command_of(command).options).tree)
+                        read_root(root_of(command), command_request(typed, command_of(command).options).tree)
                     assert re.match(rf"{option.flag} is '?{re.escape(value[:6])}", str(refused.value))
                     assert "; give " in str(refused.value)
     assert tried > 200
@@ -147,6 +147,6 @@ def test_a_file_and_options_are_the_same_as_options_at_once(tmp_path_factory, of
 @given(options=several)
 def test_options_are_those_of_python(options):
     found = asked("run", *typed(options), "--allow-unusual")
-    again = request_from(Run, found.tree())
+    again = configuration_from(Run, found.tree())
     assert again == found
     assert Run(**{name: getattr(found, name) for name in found.explicit}) == found

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from glucoloop.component.catalogue import catalogues
 from glucoloop.component.grammar import component_text
 from glucoloop.component.listing import described, listing
+from glucoloop.component.request import completed, requested
 from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import read_toml, toml_text
 from naming import naming
@@ -50,7 +51,7 @@ def given_to(part):
 @given(data=st.data())
 def test_text_table_json_and_toml_of_a_part_are_read_as_the_same_part(kind, name, data):
     catalogue = KINDS[kind]
-    part = catalogue[name].partial(data.draw(given_to(catalogue[name])))
+    part = requested(catalogue[name], data.draw(given_to(catalogue[name])))
     tree = part.tree()
     text = component_text(tree)
     written = read_toml(toml_text({"part": tree}, ""), "a.toml").keys["part"]
@@ -69,9 +70,9 @@ def test_text_table_json_and_toml_of_a_part_are_read_as_the_same_part(kind, name
 def test_text_of_a_part_with_every_setting_is_read_as_the_same_part():
     for kind, name in EVERY:
         with naming(kind, name):
-            part = KINDS[kind][name].partial({}).completed()
+            part = KINDS[kind][name]()
             again = KINDS[kind].parse(part.text)
-            assert again.completed() == part
+            assert completed(again) == part
             assert set(again.explicit) == {key for key, value in part.values().items() if value is not None}
             assert part.explicit == {}
             assert part.tree() == {"name": name}

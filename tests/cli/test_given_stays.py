@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from glucoloop.cli.request import completed
+from glucoloop.cli.request import configuration_of
 from glucoloop.situations.toml import read_toml, toml_text
 from requests_read import asked, root_of, typed
 
@@ -107,7 +107,7 @@ def test_default_that_changed_since_the_file_was_written_is_told(of_file, tmp_pa
     used = run.tree(whole=True)
     used["controller"][0]["model"]["memory"] = 40
     named = of_file(toml_text({**used, "seed": 9}, "", run.tree()))
-    completed(typed("run", *named, "--noise", 1), root_of("run"))
+    configuration_of(typed("run", *named, "--noise", 1), root_of("run"))
     told = " ".join(capsys.readouterr().err.split())
     assert f"What {tmp_path / 'a.toml'} leaves out was filled in otherwise when it was written:" in told
     assert "seed was 9 and is 3" in told

@@ -31,7 +31,12 @@ def computing(monkeypatch):
     def computed(*_, **__):
         pytest.fail("it was computed")
 
-    places = ("cli.study_command.completed", "cli.export.completed", "records.read_record", "lab.pack.page")
+    places = (
+        "cli.study_command.configuration_of",
+        "cli.export.configuration_of",
+        "records.read_record",
+        "lab.pack.page",
+    )
     for place in places:
         monkeypatch.setattr(f"glucoloop.{place}", computed)
 

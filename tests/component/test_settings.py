@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue, catalogues
 from glucoloop.component.grammar import component_text, component_tree, plain
+from glucoloop.component.request import completed, requested
 from glucoloop.component.setting import About, Default, Setting, default_by_noise, known_names
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import SETPOINT
@@ -46,7 +47,7 @@ def test_a_part_is_read_from_its_text_with_its_units():
     part = LAMPS.parse("desk, lit_min=1.5h, rate_mU_min=0.6 U/h, dimmed=true, note='a, b = c'")
     assert part.explicit == {"lit_min": 90.0, "rate_mU_min": pytest.approx(10.0), "dimmed": True, "note": "a, b = c"}
     assert part.tree()["name"] == "desk"
-    assert part.completed() == _Desk(90.0, part.rate_mU_min, dimmed=True, note="a, b = c")
+    assert completed(part) == _Desk(90.0, part.explicit["rate_mU_min"], dimmed=True, note="a, b = c")
 
 
 VALUES = st.fixed_dictionaries(
@@ -66,12 +67,12 @@ VALUES = st.fixed_dictionaries(
 @given(VALUES)
 def test_a_part_is_read_again_from_its_text_and_from_its_tree(values):
     values = {key: value for key, value in values.items() if value != ""}
-    part = _Desk.partial(values, display_name="desk")
+    part = requested(_Desk, values, alias="desk")
     again = LAMPS.parse(component_text(part.tree()))
     assert again.explicit == part.explicit
     assert LAMPS.read(part.tree()).explicit == part.explicit
     assert plain(component_tree(component_text(part.tree()), "here")).keys() == part.tree().keys()
-    whole = part.completed()
+    whole = completed(part)
     assert whole == _Desk(**values)
     assert whole.explicit == part.explicit
 
@@ -117,22 +118,23 @@ def test_what_is_wrong_is_told_with_the_value_the_bound_and_the_mend(text, sente
 def test_a_value_in_another_unit_is_asked_about():
     part = LAMPS.parse("desk, target_mg_dl=5.5")
     with pytest.raises(Refusal, match=r"--setpoint is 5\.5 mg/dl; that looks like mmol/l: 5\.5 mmol/l is 99\.1 mg/dl"):
-        part.setting("target_mg_dl").refuse_unusual(part.target_mg_dl, "--setpoint")
+        _Desk.setting("target_mg_dl").refuse_unusual(part.value("target_mg_dl"), "--setpoint")
     in_mmol = LAMPS.parse("desk, target_mg_dl=5.5 mmol/l")
-    part.setting("target_mg_dl").refuse_unusual(in_mmol.target_mg_dl, "--setpoint")
+    _Desk.setting("target_mg_dl").refuse_unusual(completed(in_mmol).target_mg_dl, "--setpoint")
 
 
 def test_settings_are_compared_once_the_part_is_whole():
     part = LAMPS.parse("desk, spare=3", "--lamp")  # 3 of the usual 4, and of no default
     with pytest.raises(Refusal, match=r"^--lamp: 3 spare bulbs are more than the 1 in use"):
-        part.completed()
-    assert part.completed({"bulbs": _Desk.setting("bulbs").default.__class__(4)}).bulbs == 4
+        completed(part)
+    for four in (4, Default(4)):
+        assert completed(part, {"bulbs": four}).bulbs == 4
 
 
 def test_what_is_usual_follows_noise_and_what_was_given_stays():
-    assert LAMPS.parse("desk").completed(noisy=True).rate_mU_min == 2.0
-    assert LAMPS.parse("desk, rate_mU_min=1").completed(noisy=True).rate_mU_min == 1.0
-    assert LAMPS.parse("desk, rate_mU_min=1").completed(noisy=True).explicit == {"rate_mU_min": 1.0}
+    assert completed(LAMPS.parse("desk"), noisy=True).rate_mU_min == 2.0
+    assert completed(LAMPS.parse("desk, rate_mU_min=1"), noisy=True).rate_mU_min == 1.0
+    assert completed(LAMPS.parse("desk, rate_mU_min=1"), noisy=True).explicit == {"rate_mU_min": 1.0}
 
 
 def test_a_part_made_in_python_takes_numbers_of_numpy_and_refuses_other_types():
@@ -155,7 +157,7 @@ def test_every_part_of_this_package_is_declared_in_full(kind, name):
     assert part.kind == kind
     assert part.summary
     assert not part.summary.endswith(".")
-    whole = part.partial({}).completed()
+    whole = part()
     assert catalogues()[kind].choose(whole.text) == whole or any(
         isinstance(value, float) and math.isnan(value) for value in whole.values().values()
     )
@@ -169,7 +171,7 @@ def test_parts_are_read_and_refused_without_jax():
     program = (
         "import sys\n"
         "from glucoloop.component.catalogue import catalogues\n"
-        "try:\n    catalogues()['controller'].parse('mpc-se, move_horizon=0').completed()\n"
+        "try:\n    catalogues()['controller'].choose('mpc-se, move_horizon=0')\n"
         "except ValueError as refused:\n    print(refused)\n"
         "assert 'jax' not in sys.modules\n"
     )

@@ -6,12 +6,14 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.build.designs import SituationDesignCase
+from glucoloop.component.request import Request, completed
 from glucoloop.component.setting import Default
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.tuning import DEFAULT_FLOOR_WEIGHT
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients.settings import DEFAULT_PATIENT, OperatingPoint, PatientComponent
+from glucoloop.patients.catalogue import DEFAULT_PATIENT
+from glucoloop.patients.component import OperatingPoint, PatientComponent
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 SLOW_ARE_LONG = [pytest.param(name, marks=pytest.mark.long) if of.slow else name for name, of in CONTROLLERS.items()]
@@ -30,8 +32,8 @@ def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_p
         dead_time_samples=0,
     )
     entry = controller_entry(name)
-    usual = DEFAULT_PATIENT(operating_point=operating_point).usual_of(name)
-    controller = entry.partial({}).completed(usual, noisy=noisy).designed(case)
+    usual = DEFAULT_PATIENT(operating_point=operating_point).controller_defaults(name)
+    controller = completed(entry(), usual, noisy=noisy).designed(case)
     assert controller.sample_time_min == 5.0
     assert gives_boluses(controller) == entry.gives_boluses
 
@@ -47,7 +49,8 @@ def test_the_floor_reaches_the_design_and_is_none_by_default(name):
         dead_time_samples=0,
     )
     for given in ({}, {"glucose_floor_mg_dl": 65.0}, {"glucose_floor_mg_dl": 65.0, "floor_weight": 4.0}):
-        controller = controller_entry(name).partial(given).completed(DEFAULT_PATIENT().usual_of(name)).designed(case)
+        request = Request(controller_entry(name), given)
+        controller = completed(request, DEFAULT_PATIENT().controller_defaults(name)).designed(case)
         floor = controller.floor if name == "nlqdmc-se" else controller.plan.floor
         if given:
             assert (floor.glucose_mg_dl, floor.weight) == (65.0, given.get("floor_weight", DEFAULT_FLOOR_WEIGHT))
@@ -65,7 +68,6 @@ def test_a_name_has_one_type_in_all_controllers():
 class _Somebody(PatientComponent, name="somebody"):
     """Somebody."""
 
-    model = "somewhere:MODEL"
     operating_points = (OperatingPoint("here", "", {"pid": {"gain": Default(3.0)}}), OperatingPoint("there", ""))
     pulse_mU_min = 1.0
     tunings: ClassVar = {"pid": {"gain": Default(2.0), "closed_loop_min": Default(9.0)}}
@@ -73,11 +75,11 @@ class _Somebody(PatientComponent, name="somebody"):
 
 def test_usual_settings_are_those_of_the_operating_point_before_those_of_the_patient():
     pid = CONTROLLERS["pid"]
-    here, there = (_Somebody(operating_point=name).usual_of("pid") for name in ("here", "there"))
-    assert pid.partial({}).completed(here).gain == 3.0
-    assert pid.partial({}).completed(there).gain == 2.0
-    assert pid.partial({}).completed(here).closed_loop_min == 9.0
-    assert pid.partial({"gain": 1.0}).completed(here).gain == 1.0
+    here, there = (_Somebody(operating_point=name).controller_defaults("pid") for name in ("here", "there"))
+    assert completed(Request(pid), here).gain == 3.0
+    assert completed(Request(pid), there).gain == 2.0
+    assert completed(Request(pid), here).closed_loop_min == 9.0
+    assert completed(Request(pid, {"gain": 1.0}), here).gain == 1.0
     with pytest.raises(ValueError, match=r"unknown operating point 'her' of somebody; did you mean 'here'\?"):
         _Somebody(operating_point="her")
 

@@ -17,7 +17,7 @@ from glucoloop.meals import Meal, Scenario
 from glucoloop.sensors import WhiteNoise
 from glucoloop.simulation import simulate
 from glucoloop.simulation.stepper import scenario_stepper
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import default_case
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
 
@@ -71,7 +71,7 @@ def together(situation, case, scenario, precision="float32"):
 def on_chip():
     """A PID; the meal comes within a sample, and readings are noisy."""
     situation = Situation(sensor=(WhiteNoise(variance=1.45),))
-    return together(situation, usual_case("pid", situation), Scenario((Meal(50.0, 17.0, 10.0),), 120.0))
+    return together(situation, default_case("pid", situation), Scenario((Meal(50.0, 17.0, 10.0),), 120.0))
 
 
 @pytest.fixture(scope="session")

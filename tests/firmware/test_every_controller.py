@@ -15,9 +15,9 @@ from glucoloop.control.protocol import Observation
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, decision_of, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import default_case
 from glucoloop.situations.run import Run
-from glucoloop.situations.situation import configured, usual_situation
+from glucoloop.situations.situation import configured, default_situation
 
 QUICK = ("pid", "mpc")
 SETTINGS = ("-O0", "-O2", "-O3")
@@ -42,8 +42,8 @@ ANNOUNCED_G = (0.0, 45.0, 0.0, 3e38, np.nan)
     "name", [pytest.param(name, marks=pytest.mark.long if entry.slow else ()) for name, entry in CONTROLLERS.items()]
 )
 def test_c_gives_the_bits_of_its_definition(name):
-    situation = usual_situation()
-    case = usual_case(name, situation)
+    situation = default_situation()
+    case = default_case(name, situation)
     guards, precisions = (None, GuardSettings()), ("float64", "float32")
     # What takes seconds a sample is computed in two of the four ways, which have each guard and each precision once.
     ways = zip(guards, precisions, strict=True) if CONTROLLERS[name].slow else itertools.product(guards, precisions)
@@ -86,9 +86,9 @@ def test_c_of_a_controller_with_a_sample_time_of_its_own_gives_the_bits_of_its_d
     "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in CONTROLLERS]
 )
 def test_the_settings_of_the_compiler_change_no_bit(name):
-    situation = usual_situation()
+    situation = default_situation()
     exported = export(
-        controller_of(situation, usual_case(name, situation)), situation.limits, SEEN, [name], precision="float32"
+        controller_of(situation, default_case(name, situation)), situation.limits, SEEN, [name], precision="float32"
     )
     first = Library(exported.source, "float32")
     settings = (SETTINGS[0], SETTINGS[-1]) if CONTROLLERS[name].slow else SETTINGS  # of which each takes long

@@ -12,8 +12,8 @@ from glucoloop.control.protocol import Observation
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import _spread, arithmetic, joined, leaves_of, record
 from glucoloop.pumps import bolus_limits
-from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import usual_situation
+from glucoloop.situations.case import default_case
+from glucoloop.situations.situation import default_situation
 
 SAMPLES = 12
 
@@ -21,7 +21,7 @@ SAMPLES = 12
 @pytest.fixture(scope="module")
 def runs(on_chip):
     functions = arithmetic(on_chip.exported)
-    situation = usual_situation()
+    situation = default_situation()
     return [
         record(on_chip.exported, on_chip.controller, situation, *functions, samples=SAMPLES, seed=seed)
         for seed in (1, 2)
@@ -52,8 +52,8 @@ def test_one_changed_bit_is_found(on_chip, runs, what):
 
 
 def test_a_bolus_is_at_most_the_largest_of_the_pump():
-    situation = usual_situation()
-    controller = controller_of(situation, usual_case("basal-bolus", situation))
+    situation = default_situation()
+    controller = controller_of(situation, default_case("basal-bolus", situation))
     seen = Observation(
         glucose_mg_dl=jnp.asarray(110.0),
         valid=jnp.asarray(True),

@@ -11,7 +11,7 @@ from glucoloop.component.grammar import given as given_values
 from glucoloop.control import LinearMPC
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
-from glucoloop.situations.request import request_from
+from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.studies.identification import ModelRequest
@@ -65,7 +65,7 @@ parts = st.dictionaries(
 
 
 def read(root, keys):
-    return request_from(root, given_values(keys, "a.toml"))
+    return configuration_from(root, given_values(keys, "a.toml"))
 
 
 def read_again(root, keys):

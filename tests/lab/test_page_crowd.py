@@ -12,11 +12,11 @@ from glucoloop.lab.pack import DATA, MODULE, PAGE
 from glucoloop.lab.patient_functions import people_of, situation
 from glucoloop.lab.people import with_people
 from glucoloop.patients import virtual_people
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.population import draw, of_people
-from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import simulate
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import default_case
 from glucoloop.situations.population import named_population
 from glucoloop.therapy import given_profile
 from glucoloop.threefry import name_word, uniforms
@@ -120,8 +120,8 @@ def test_the_people_of_the_page_are_those_of_a_trial(in_node, family, controller
     link = f"#patient={family}&controller={controller}&duration_min=600"
     found = in_node([{"link": link, "person": person} for person in chosen])
     people = virtual_people(people_of(family), 0, chosen)
-    around = situation(family, PATIENTS[family].usual_point)
-    designed = controller_of(around, usual_case(controller, around))
+    around = situation(family, PATIENTS[family].default_operating_point)
+    designed = controller_of(around, default_case(controller, around))
     for place, answer in enumerate(found):
         basal = float(people.basal_insulin_mU_min[place])
         assert answer["basal_insulin_mU_min"] == pytest.approx(basal, rel=1e-9)

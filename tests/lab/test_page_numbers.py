@@ -39,7 +39,7 @@ from glucoloop.sensors.cgm import Monitor
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
 from glucoloop.simulation.plant import Exogenous
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import default_case
 from glucoloop.situations.situation import Situation, configured
 from page_loops import TRACED, Loops, by_jax, numbers_of, run_of, side_by_side, traces_of
 
@@ -480,11 +480,10 @@ def padded(controller):
 def test_glucoloop_refuses_the_horizons_that_the_page_refuses(data, controller):
     least = data["families"]["hovorka-2004"]["controllers"][controller]["settings"]["prediction_horizon"]["least"]
     around = configured(Situation, patient="hovorka-2004")
-    case = usual_case(controller, around)
+    case = default_case(controller, around)
 
     def looking(samples_ahead):
-        controller = type(case.controller).partial({"prediction_horizon": samples_ahead})
-        return dataclasses.replace(case, controller=controller.completed())
+        return dataclasses.replace(case, controller=type(case.controller)(prediction_horizon=samples_ahead))
 
     controller_of(around, looking(least))
     with pytest.raises(Refusal, match=f"sees less than 5 % gives far .* give a prediction horizon of {least} or more"):

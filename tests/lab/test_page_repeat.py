@@ -10,10 +10,10 @@ import polars as pl
 import pytest
 
 from glucoloop.cli.app import command_of, main
-from glucoloop.cli.request import request_of
+from glucoloop.cli.request import command_request
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.template import render
-from glucoloop.situations.request import request_from
+from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text
 from glucoloop.units import MG_DL_PER_MMOL_L, u_h_from_mu_min
@@ -103,8 +103,8 @@ def test_the_program_the_file_and_the_command_tell_the_same_run(in_node, corpus)
         whole = run_of(answer["toml"]).tree(whole=True)
         assert names["run"].tree(whole=True) == whole
         _, _, *words = shlex.split(answer["command"])
-        request = request_of(command_of("run").given(words), command_of("run").options)
-        assert request_from(Run, request.tree).tree(whole=True) == whole
+        request = command_request(command_of("run").given(words), command_of("run").options)
+        assert configuration_from(Run, request.tree).tree(whole=True) == whole
 
 
 @pytest.mark.long

@@ -8,7 +8,7 @@ import polars as pl
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.records import DeviceRecord
 from glucoloop.records.record import SCHEMA
-from glucoloop.situations.request import request_from
+from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.studies.closed_loop import close_the_loop
 
@@ -27,7 +27,7 @@ def lived(
     carb_error_pct=0.0,
 ):
     """Record of a person of a population, and the true parameters by name."""
-    run = request_from(
+    run = configuration_from(
         Run,
         {
             "patient": {"name": patient, "person": str(person)},

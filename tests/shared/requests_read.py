@@ -1,9 +1,9 @@
 """What a command is asked for, from what is typed and from the file that is named there."""
 
 from glucoloop.cli.app import command_of
-from glucoloop.cli.request import request_of
+from glucoloop.cli.request import command_request
 from glucoloop.component.code import loaded
-from glucoloop.situations.request import request_from
+from glucoloop.situations.request import configuration_from
 from glucoloop.studies.catalogue import STUDIES
 
 
@@ -15,9 +15,9 @@ def root_of(command):
 def typed(command, *arguments):
     """The tree of what is typed, laid over that of the file."""
     of = command_of(command)
-    return request_of(of.given([str(argument) for argument in arguments]), of.options)
+    return command_request(of.given([str(argument) for argument in arguments]), of.options)
 
 
 def asked(command, *arguments):
     """What is asked for, complete."""
-    return request_from(root_of(command), typed(command, *arguments).tree)
+    return configuration_from(root_of(command), typed(command, *arguments).tree)

@@ -3,7 +3,7 @@
 import pytest
 
 from glucoloop.component.grammar import given
-from glucoloop.situations.request import request_from
+from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.trials.trial import Trial
 
@@ -59,17 +59,17 @@ def cases():
 @pytest.mark.parametrize(("command", "keys", "told"), list(cases()))
 def test_unusual_value_is_asked_about_and_taken_where_it_is_confirmed(command, keys, told):
     with pytest.raises(ValueError, match=r".") as refused:
-        request_from(ROOTS[command], given(keys, "a.toml"))
+        configuration_from(ROOTS[command], given(keys, "a.toml"))
     assert told in str(refused.value)
     assert "add --allow-unusual if" in str(refused.value)
-    confirmed = request_from(ROOTS[command], given({**keys, "allow_unusual": True}, "a.toml"))
-    again = request_from(ROOTS[command], given(confirmed.tree(), "a.toml"))
+    confirmed = configuration_from(ROOTS[command], given({**keys, "allow_unusual": True}, "a.toml"))
+    again = configuration_from(ROOTS[command], given(confirmed.tree(), "a.toml"))
     assert again == confirmed
     assert again.allow_unusual
 
 
 def asked(root, **keys):
-    return request_from(root, given(keys, "a.toml"))
+    return configuration_from(root, given(keys, "a.toml"))
 
 
 def test_a_higher_target_needs_a_smaller_pump():

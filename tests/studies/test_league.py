@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import label_of
 from glucoloop.situations.situation import configured
 from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach
@@ -232,13 +233,13 @@ def asked(**keys):
 def test_everything_of_the_catalogues_takes_part_but_slow_controllers():
     whole = asked()
     assert list(whole.family_names) == list(PATIENTS)
-    assert {case.label for case in whole.cases} | set(whole.left_out) == set(CONTROLLERS)
+    assert set(map(label_of, whole.cases)) | set(whole.left_out) == set(CONTROLLERS)
     assert all(CONTROLLERS[name].slow for name in whole.left_out)
 
 
 def test_the_reference_takes_part_once():
-    assert [case.label for case in asked(controllers=["imc"]).cases] == ["imc", "basal-bolus"]
-    assert [case.label for case in asked(controllers=["imc"], reference="imc").cases] == ["imc"]
+    assert [*map(label_of, asked(controllers=["imc"]).cases)] == ["imc", "basal-bolus"]
+    assert [*map(label_of, asked(controllers=["imc"], reference="imc").cases)] == ["imc"]
     assert asked(controllers=["imc"]).left_out == ()
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from glucoloop.situations.situation import configured
-from glucoloop.trials.trial import Trial, fingerprint, usual_shard_people
+from glucoloop.trials.trial import Trial, default_shard_people, fingerprint
 
 
 def make(**keys):
@@ -34,12 +34,12 @@ def test_traces_are_of_the_first_people(traces, kept):
      (1000, 364, 0, 256), (100, 40, 0, 512)],
 )  # fmt: skip
 def test_usual_size_of_shards(people, days, traced, size):
-    assert usual_shard_people(people, 1440.0 * days, traced=traced) == size
+    assert default_shard_people(people, 1440.0 * days, traced=traced) == size
 
 
 @pytest.mark.parametrize(("people", "days"), [(2000, 2), (1000, 1), (10**9, 366), (40, 0.1)])
 def test_slow_controllers_have_small_shards(people, days):
-    assert usual_shard_people(people, 1440.0 * days, slow=True) == 256
+    assert default_shard_people(people, 1440.0 * days, slow=True) == 256
 
 
 def test_fingerprint_is_of_everything_that_matters():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from glucoloop.control import MPCTuning, StateTuning
 from glucoloop.control.catalogue import tunable
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.search import usual_filters
+from glucoloop.tuning.search import default_filters
 
 
 @given(first=st.integers(0, 50), length=st.integers(0, 50), step=st.integers(1, 9))
@@ -26,7 +26,7 @@ def test_decimal_steps_are_exact(first, count, step, past):
 
 @pytest.mark.parametrize("controller", tunable())
 def test_usual_filters_of_a_controller_are_a_range(controller):
-    text = usual_filters(controller, {"reference_filter": 0.57})
+    text = default_filters(controller, {"reference_filter": 0.57})
     filters = parse_numbers(text)
     assert filters == tuple(sorted(filters))
 

@@ -23,19 +23,19 @@ from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
-from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import usual_situation
+from glucoloop.situations.case import default_case
+from glucoloop.situations.situation import default_situation
 from glucoloop.tuning.grid import tuning_grid
 from glucoloop.tuning.search import (
     _block,
     _padded,
+    default_filters,
     designer,
     move_slots,
     paper_tuning_surface,
     printed_tuning,
     search,
     stack,
-    usual_filters,
 )
 from glucoloop.tuning.surface import TuningSurface, tuning_text
 
@@ -49,8 +49,8 @@ LATE = (DeadTime(minutes=10.0),)
 
 def design_of(name, model=None, **situation):
     """Design of a usual case."""
-    made = dataclasses.replace(usual_situation(), **situation)
-    case = usual_case(name, made)
+    made = dataclasses.replace(default_situation(), **situation)
+    case = default_case(name, made)
     return designer(made, dataclasses.replace(case, known_dead_time=bool(situation)), model)
 
 
@@ -111,7 +111,7 @@ def test_point_is_the_run_of_its_tuning(patient_81, identified_81):
     grid = tuning_grid([1, 2, 3], [3, 8], move_weights=[0.0, 1.0])
     seen = []
     surface = search(
-        usual_situation(),
+        default_situation(),
         design_of("mpc", identified_81.model),
         grid,
         progress=lambda done, total: seen.append((done, total)),
@@ -129,7 +129,7 @@ def test_point_is_the_run_of_its_tuning(patient_81, identified_81):
 @pytest.mark.long
 def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_81, name, tuning):
     other = dataclasses.replace(tuning, reference_filter=0.3, prediction_horizon=9)
-    surface = search(usual_situation(), design_of(name), [tuning, other], scenario=SHORT, name=name)
+    surface = search(default_situation(), design_of(name), [tuning, other], scenario=SHORT, name=name)
     if name == "mpc-se":
         controller = design_mpc_se(linear_model(patient_81), Q, tuning)
     else:
@@ -142,7 +142,7 @@ def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_
 
 def test_noise_is_the_same_for_every_tuning_and_results_are_medians(patient_81, identified_81):
     seeds, sensor = (3, 4, 5), white_noise(1.45)
-    situation = dataclasses.replace(usual_situation(), sensor=(WhiteNoise(variance=1.45),))
+    situation = dataclasses.replace(default_situation(), sensor=(WhiteNoise(variance=1.45),))
     grid = [MPCTuning(2, 10, 3.0, 1.0), MPCTuning(2, 12, 3.0, 1.0)]
     design = design_of("mpc", identified_81.model)
     surface = search(situation, design, grid, seeds=seeds, scenario=SHORT)
@@ -169,26 +169,26 @@ def test_known_dead_time_lengthens_the_horizon(patient_81, identified_81):
 def test_tuning_without_a_controller_is_left_out_and_told(patient_81, identified_81):
     flat = dataclasses.replace(identified_81.model, step_response=jnp.zeros(36).at[3:].set(-1.0))
     design = design_of("mpc", flat)
-    surface = search(usual_situation(), design, tuning_grid([1], [2, 5]), scenario=SHORT)
+    surface = search(default_situation(), design, tuning_grid([1], [2, 5]), scenario=SHORT)
     assert surface.tunings == (MPCTuning(1, 5),)
     assert surface.refused[0][0] == MPCTuning(1, 2)
     assert "sees -0 % of the gain" in surface.refused[0][1]
     with pytest.raises(ValueError, match="no controller can be designed"):
-        search(usual_situation(), design, tuning_grid([1], [2]))
+        search(default_situation(), design, tuning_grid([1], [2]))
 
 
 def test_bad_searches(patient_81, identified_81):
     tuning, design = MPCTuning(), design_of("mpc", identified_81.model)
     with pytest.raises(ValueError, match="the grid has no tuning"):
-        search(usual_situation(), design, [])
+        search(default_situation(), design, [])
     with pytest.raises(ValueError, match="no seeds"):
-        search(usual_situation(), design, [tuning], seeds=[])
+        search(default_situation(), design, [tuning], seeds=[])
     with pytest.raises(ValueError, match="too large"):
-        search(usual_situation(), design, [tuning] * 101, seeds=range(2000))
+        search(default_situation(), design, [tuning] * 101, seeds=range(2000))
     with pytest.raises(ValueError, match="'pid' cannot be tuned"):
         design_of("pid")
     with pytest.raises(ValueError, match="filtered reference"):
-        search(usual_situation(), design_of("mpc-se"), [tuning])
+        search(default_situation(), design_of("mpc-se"), [tuning])
     with pytest.raises(ValueError, match="unknown operating point 'elsewhere'"):
         printed_tuning("elsewhere", "mpc")
 
@@ -257,8 +257,8 @@ def test_printed_tuning_of_linear_mpc_is_not_the_least_sum_of_squares(identified
 
 
 def test_reference_filters_of_a_grid_are_those_of_the_entry_or_the_usual_one(monkeypatch):
-    assert usual_filters("mpc", {"move_horizon": 2}) is None
-    assert usual_filters("mpc-se", {"reference_filter": 0.65}) == ".3:.8:.05"
+    assert default_filters("mpc", {"move_horizon": 2}) is None
+    assert default_filters("mpc-se", {"reference_filter": 0.65}) == ".3:.8:.05"
     entry = type("Outside", (controller_entry("mpc-se"),), {"reference_filters": None})
     monkeypatch.setattr("glucoloop.tuning.search.controller_entry", {"outside": entry}.__getitem__)
-    assert usual_filters("outside", {"reference_filter": 0.65}) == "0.65"
+    assert default_filters("outside", {"reference_filter": 0.65}) == "0.65"

@@ -8,7 +8,7 @@ from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import ALLOW_CODE, OUTPUT, CommandOption, Given, options_of
-from glucoloop.cli.request import completed, notes_without_effect, request_of
+from glucoloop.cli.request import command_request, configuration_of, notes_without_effect
 from glucoloop.cli.screen import note, print_json, print_text, print_value, stage, where_written
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
@@ -39,14 +39,14 @@ def _export(typed: Given) -> None:
     if _CHECK.key in typed:
         _check(typed)
         return
-    request = request_of(typed, OPTIONS)
+    request = command_request(typed, OPTIONS)
     read_root(Export, request.tree)
     output = request.output
     if output.place is None:
         raise Refusal("an exported controller is a folder; name one with --out")
     with output.folder("run.toml", "controller.c") as folder:
         assert folder is not None
-        config = completed(request, Export)
+        config = configuration_of(request, Export)
         without_effect = notes_without_effect(config)
         note((*intravenous_boluses(config), *without_effect))
         from glucoloop.cli.exported import print_checks, report, write
@@ -75,7 +75,7 @@ def _check(typed: Given) -> None:
     if not configuration.is_file():
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
     chosen: Given = {key: typed[key] for key in typed if key in ("samples", "target")}
-    config = completed(request_of({"config": str(configuration), **chosen}, OPTIONS), Export)
+    config = configuration_of(command_request({"config": str(configuration), **chosen}, OPTIONS), Export)
     from glucoloop.cli.exported import check, print_checks
 
     with stage("Checking"):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from glucoloop.component.base import Component
-from glucoloop.component.grammar import component_text
+from glucoloop.component.request import Request, request_of
 from glucoloop.component.setting import Setting, value_text
 from glucoloop.situations.option import OUTPUT_PANEL, WORK_PANEL, Option
 
@@ -96,10 +96,10 @@ def _metavar(setting: Setting) -> str:
 def _default_text(setting: Setting) -> str:
     """The default in words; empty where it goes without saying: none, off, or an empty list."""
     default = setting.default.noise_free
-    if default is None or isinstance(default, bool | Component) or default == ():
+    if default is None or isinstance(default, bool | Request) or default == ():
         return ""
-    if isinstance(default, tuple) and isinstance(default[0], Component):
-        return ", ".join(component_text(component.tree()) for component in default)
+    if isinstance(default, tuple) and isinstance(default[0], Component | Request):
+        return ", ".join(request_of(component).text for component in default)
     return ", ".join(map(value_text, default)) if setting.many else value_text(default)
 
 

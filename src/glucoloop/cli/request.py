@@ -15,9 +15,9 @@ from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, op
 from glucoloop.cli.screen import for_terminal, note, stage
 from glucoloop.component.base import Component
 from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
-from glucoloop.patients.settings import DEFAULT_PATIENT
+from glucoloop.patients.catalogue import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import request_from
+from glucoloop.situations.request import configuration_from
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
@@ -68,7 +68,7 @@ class Output:
 
 
 @dataclass(frozen=True)
-class Request:
+class CommandRequest:
     """A tree of given values, and what to do with the results."""
 
     tree: Tree
@@ -80,7 +80,7 @@ class Request:
     """Values that were used when the configuration file was written, if it tells them."""
 
 
-def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
+def command_request(typed: Given, options: Iterable[CommandOption]) -> CommandRequest:
     """Options and the file that they name as one request; Refusal for a file or a text that cannot be read."""
     for key in ("out", "config"):
         if typed.get(key) == "":
@@ -109,7 +109,7 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
             tree = _laid_over(tree, {path_to: leaf})
         else:
             tree = put(tree, path_to, value, f"{SET.flag} {path_to}")
-    return Request(tree, output, path, lower, used)
+    return CommandRequest(tree, output, path, lower, used)
 
 
 def _leaf(option: CommandOption, value: Any) -> Any:
@@ -236,17 +236,17 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     return results
 
 
-def completed(request: Request, root: type[P]) -> P:
+def configuration_of(request: CommandRequest, root: type[P]) -> P:
     """The complete request, once the simulator is imported; with a note on what a file leaves out and is other now."""
     with stage("Importing the simulator"):
         if for_terminal():  # the settings of JAX are the user's in Python
             from glucoloop.cli.jax_cache import keep_compiled
 
             keep_compiled()  # before the patient's rest is computed
-        config = request_from(root, request.tree)
+        config = configuration_from(root, request.tree)
         if request.used is not None:
             with contextlib.suppress(Refusal):  # a file that does not stand alone
-                _note_changes(request, request_from(root, request.of_file).tree(whole=True))
+                _note_changes(request, configuration_from(root, request.of_file).tree(whole=True))
     return config
 
 
@@ -258,7 +258,7 @@ def notes_without_effect(config: Component) -> tuple[str, ...]:
     return without_effect(config, lambda setting: flags.get(setting.name, setting.name))
 
 
-def _note_changes(request: Request, now: Mapping[str, Any]) -> None:
+def _note_changes(request: CommandRequest, now: Mapping[str, Any]) -> None:
     from glucoloop.storage.origin import differences
 
     then = {key: value for key, value in (request.used or {}).items() if key in now}

@@ -18,7 +18,7 @@ from glucoloop.cli.command import Command
 from glucoloop.cli.errors import interrupted
 from glucoloop.cli.option import DASK, OUTPUT, SET, UNITS, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
-from glucoloop.cli.request import Output, Request, completed, notes_without_effect, request_of
+from glucoloop.cli.request import CommandRequest, Output, command_request, configuration_of, notes_without_effect
 from glucoloop.cli.screen import note, print_json, print_text, show, stage, where_written
 from glucoloop.display_units import in_shown_units, showing
 from glucoloop.refusal import Refusal
@@ -75,7 +75,7 @@ def _run(study: Study, typed: Given) -> None:
 
 def carry_out(study: Study, typed: Given) -> StudyOutcome:
     """Check the options of a study, and carry it out or go on with it."""
-    request = request_of(typed, study_options(study))
+    request = command_request(typed, study_options(study))
     read_root(study.request, request.tree)
     if isinstance(study, TrialStudy):
         return _run_trial(study, request, typed)
@@ -149,9 +149,9 @@ class _StudyRun:
     """Notes on what was given and changes nothing."""
 
     @classmethod
-    def of(cls, study: Study, request: Request) -> _StudyRun:
+    def of(cls, study: Study, request: CommandRequest) -> _StudyRun:
         """Complete the request, and import the module that does the work."""
-        config = completed(request, study.request)
+        config = configuration_of(request, study.request)
         module: Any = importlib.import_module(study.module)
         run = cls(study, request.output, module, config, notes_without_effect(config))
         note(map(in_shown_units, (*run.sentences("notes", config), *run.without_effect)))
@@ -214,7 +214,7 @@ class _StudyRun:
         return results
 
 
-def _run_trial(study: TrialStudy, request: Request, typed: Given) -> StudyOutcome:
+def _run_trial(study: TrialStudy, request: CommandRequest, typed: Given) -> StudyOutcome:
     from glucoloop.trials.computing import Workers
     from glucoloop.trials.folder import SHARDS, TrialFolder, trial_folder
 
@@ -269,7 +269,7 @@ def _compute_shards(folder: TrialFolder, workers: Workers) -> None:
         workers.compute(prepared, folder, client, more)
 
 
-def _run_search(study: SearchStudy, request: Request) -> StudyOutcome:
+def _run_search(study: SearchStudy, request: CommandRequest) -> StudyOutcome:
     output = request.output
     out = _needed_folder(study, output) if study.needs_folder else output.place
     from glucoloop.storage.rows import RowsFolder, rows_folder
@@ -312,7 +312,7 @@ def _run_search(study: SearchStudy, request: Request) -> StudyOutcome:
     return StudyOutcome(run, results, _paths(out, *work.final, row_kind.file, work.configuration))
 
 
-def _run_plain(study: PlainStudy, request: Request) -> StudyOutcome:
+def _run_plain(study: PlainStudy, request: CommandRequest) -> StudyOutcome:
     files: dict[str, str] = {}
     with request.output.folder(f"{study.name}.toml", study.summary) as folder:
         run = _StudyRun.of(study, request)

@@ -1,4 +1,4 @@
-"""A component: a frozen class whose annotated fields are its settings, and which knows what was given to it.
+"""A component: a frozen class whose annotated fields are its settings, and which knows its request.
 
 A component is declared once, beside its science::
 
@@ -18,11 +18,12 @@ import inspect
 import sys
 import typing
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
+from typing import Any, ClassVar, Final, Self, dataclass_transform
 
 from glucoloop.component.code import loaded
 from glucoloop.component.effects import Need
-from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, component_text, place, plain
+from glucoloop.component.grammar import NAME, NONE, Tree, component_text
+from glucoloop.component.request import Request, has_unit, tree_of, with_article
 from glucoloop.component.setting import (
     ALL_SETTINGS,
     Default,
@@ -36,10 +37,9 @@ from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import Quantity
 
 _SCALARS: Final = (int, float, str, bool)
-P = TypeVar("P", bound="Component")
 WIRING: Final = "wiring"
 """Metadata of a field that is no setting: what an object is connected to, or told of the loop around it."""
-_RESERVED: Final = (NAME, "label", "explicit", "source", "display_name", "kind", "default", "sources", NONE)
+_RESERVED: Final = (NAME, "request", "label", "explicit", "source", "display_name", "kind", "default", "sources", NONE)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(default_by_noise, dataclasses.field))
@@ -66,12 +66,9 @@ class Component:
     """Plausible range of numbers whose settings declare none."""
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
-    explicit: ClassVar[Mapping[str, Any]] = {}
-    """Settings that were given explicitly, of each object; the class has none."""
-    source: ClassVar[str] = ""
-    """Option or file in which each object stood; empty for one that was made in Python."""
-    display_name: ClassVar[str] = ""
-    """Name under which each object was requested, ``module:Class`` for one that no package has entered."""
+
+    request: Request[Any]
+    """Request from which each object was made; its constructor makes one of what it is given."""
 
     if typing.TYPE_CHECKING:
 
@@ -134,49 +131,47 @@ class Component:
             alike = [setting for setting in cls.settings().values() if setting.name_without_unit == name]
             if len(alike) == 1:
                 return alike[0]
-            whose = f"the {cls.kind} {cls.name}" if cls.name else _with_article(cls.kind)
+            whose = f"the {cls.kind} {cls.name}" if cls.name else with_article(cls.kind)
             known = [known for known in cls.settings() if known not in cls.refused]
             raise Refusal(f"{whose} has no setting {name!r}; {known_names(name, known, where=ALL_SETTINGS)}")
         return result
 
     @classmethod
-    def partial(cls, explicit: Mapping[str, Any], source: str = "", display_name: str = "") -> Self:
-        """The component with some explicit settings and the others to be completed, before which none are compared.
+    def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Defaults with those that follow from what is explicit of a request; a request that is at odds is refused."""
+        return defaults
 
-        An unknown setting, and a value of another type or out of its bounds, are refused. `source` is the option or
-        file in which the component stood, and `display_name` the name under which it was requested, if not its own.
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings of an object, from explicit ones and defaults: components among them are complete.
+
+        Those of a setting that is annotated as `Request` are left to be completed, and requests therefore.
         """
-        made = object.__new__(cls)
-        values = {name: cls.setting(name).check(value, source) for name, value in explicit.items()}
+        result = dict(values)
         for name, setting in cls.settings().items():
-            object.__setattr__(made, name, _bare(values.get(name, setting.default.noise_free)))
-        for field in dataclasses.fields(typing.cast(Any, cls)):
-            if WIRING in field.metadata and field.default is not dataclasses.MISSING:
-                object.__setattr__(made, field.name, field.default)
-            elif WIRING in field.metadata and field.default_factory is not dataclasses.MISSING:
-                object.__setattr__(made, field.name, field.default_factory())
-        return made._noted(values, source, display_name)
+            if setting.is_component:
+                value = result[name]
+                result[name] = tuple(map(setting.settled, value)) if setting.many else setting.settled(value)
+        return result
 
-    def _noted(self, explicit: Mapping[str, Any], source: str, name: str) -> Self:
-        for key, value in (("explicit", explicit), ("source", source), ("display_name", name or self.name)):
-            object.__setattr__(self, key, value)
-        return self
+    @classmethod
+    def arranged(cls, tree: Tree) -> Tree:
+        """Plain values of the settings as they stand in a file."""
+        return tree
 
-    def completed(self, defaults: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
-        """The component with a value for every setting: where none is explicit, one of `defaults` or the class's own.
+    def as_request(self) -> Request[Self]:
+        """The request from which the same component is made."""
+        return self.request
 
-        Defaults are values, or a `Default` that depends on noise. Settings that are at odds with one another are
-        refused.
-        """
-        values = dict(self.explicit)
-        for name, setting in self.settings().items():
-            value = (defaults or {}).get(name, setting.default)
-            values.setdefault(name, value.value(noisy=noisy) if isinstance(value, Default) else value)
-        try:
-            whole = type(self)(**values)
-        except Refusal as error:
-            raise error.within(self.source) from None
-        return whole._noted(self.explicit, self.source, self.display_name)
+    @property
+    def explicit(self) -> Mapping[str, Any]:
+        """Settings that were given explicitly."""
+        return self.request.explicit
+
+    @property
+    def display_name(self) -> str:
+        """Name under which the component was requested, ``module:Class`` for one that no package has entered."""
+        return self.request.display_name
 
     def uses(self) -> frozenset[Need]:
         """Needs that the component meets, for settings of the request or of its own."""
@@ -191,13 +186,8 @@ class Component:
         return {name: getattr(self, name) for name in self.settings()}
 
     def tree(self, *, whole: bool = False) -> Tree:
-        """Given settings as plain values, the same for TOML and JSON; with `whole` every setting."""
-        result: Tree = {NAME: self.display_name} if self.display_name else {}
-        for name, value in (self.values() if whole else self.explicit).items():
-            if name not in self.refused:
-                left_out = value is None and not whole and self.setting(name).is_component
-                result[name] = NONE if left_out else _plain(value, whole)
-        return result
+        """Explicit settings as plain values, the same for TOML and JSON; with `whole` every setting."""
+        return tree_of(type(self), self.display_name, self.values(), whole=True) if whole else self.request.tree()
 
     @property
     def text(self) -> str:
@@ -244,16 +234,6 @@ def _annotation(component: type[Any], name: str) -> Any:
     return annotation
 
 
-def _with_article(noun: str) -> str:
-    return f"{'an' if noun[:1] in 'aeio' else 'a'} {noun}"
-
-
-def _plain(value: Any, whole: bool) -> Any:
-    if isinstance(value, Component | WithUnit):
-        return value.tree(whole=whole) if isinstance(value, Component) else value.text
-    return [_plain(item, whole) for item in value] if isinstance(value, tuple | list) else value
-
-
 def _bare(value: Any) -> Any:
     """A value without the text in which a number of it was given."""
     if isinstance(value, tuple):
@@ -265,7 +245,7 @@ def _checking(component: type[Component], plain_init: Callable[..., None]) -> Ca
     """Constructor that takes numbers of NumPy and JAX as well, and refuses what is out of bounds."""
 
     @functools.wraps(plain_init)
-    def init(self: Component, *args: Any, **kwargs: Any) -> None:
+    def init(self: Component, *args: Any, _request: Request[Any] | None = None, **kwargs: Any) -> None:
         if type(self) is not component:  # a class that extends this one checks all of its settings itself
             plain_init(self, *args, **kwargs)
             return
@@ -276,15 +256,16 @@ def _checking(component: type[Component], plain_init: Callable[..., None]) -> Ca
         if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= known:
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
         settings = component.settings()
-        values = {name: _bare(_taken(component, name, value)) for name, value in given.items() if name in settings}
+        explicit = {name: _bare(_taken(component, name, value)) for name, value in given.items() if name in settings}
+        defaults = {name: setting.default.noise_free for name, setting in settings.items()}
         unconnected = {field.name for field in fields if field.default is None and given.get(field.name) is None}
         wiring = {
             name: None if name in unconnected else _connected(component, name, value)
             for name, value in given.items()
             if name not in settings
         }
-        plain_init(self, **values, **wiring)
-        self._noted(values, "", "")
+        vars(self)["request"] = Request(component, explicit) if _request is None else _request
+        plain_init(self, **component.resolved({**defaults, **explicit}), **wiring)
 
     return init
 
@@ -294,7 +275,7 @@ def _taken(component: type[Component], name: str, value: Any) -> Any:
     setting = component.settings()[name]
     if setting.kind not in _SCALARS or setting.many:
         return setting.check(value)
-    value = setting.read(value) if _has_unit(setting, value) else value
+    value = setting.read(value) if has_unit(setting, value) else value
     of_python = type(value) in (*_SCALARS, WithUnit) or value is None
     if not (of_python and (setting.choices or setting.has_type(value) or (value is None and setting.optional))):
         from glucoloop.arguments import converted, is_traced  # which imports JAX
@@ -310,69 +291,6 @@ def _connected(component: type[Component], name: str, value: Any) -> Any:
     from glucoloop.arguments import converted
 
     return converted(name, value, typing.get_type_hints(component)[name], component.__name__)
-
-
-def read(component: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, source: str | None = None) -> P:
-    """A component from a tree of given values, some of them texts; components in it are read by their catalogues.
-
-    Values that are possible and implausible are taken only with `allow_unusual`. `source` is the option or file in
-    which the component stands, by default that of its first value.
-    """
-    values: dict[str, Any] = {}
-    places: dict[str, str] = {}
-    for key, leaf in tree.items():
-        if key == NAME:
-            continue
-        at = place(leaf)
-        if key in component.refused:
-            what = at if at.startswith("--") else f"{at}: {key}" if at else key
-            raise Refusal(f"{what} is no part of {_with_article(component.kind)}; leave it out")
-        try:
-            setting = component.setting(key)
-        except Refusal as error:
-            raise error.within(at) from None
-        key = setting.name
-        if places.setdefault(key, at) == at and key in values:
-            raise Refusal(f"{at}: {key} is given twice, once without its unit; leave one out")
-        if setting.is_component:
-            values[key] = _components(setting, leaf, allow_unusual)
-            continue
-        value, label = _value(setting, leaf), ": ".join(filter(None, (at, component.name if NAME in tree else "")))
-        first = leaf[0] if isinstance(leaf, list) and leaf else leaf
-        if isinstance(first, GivenValue) and first.by_option:
-            setting, label = setting.renamed(at), ""
-        values[key] = setting.check(value, label)
-        if not allow_unusual:
-            setting.refuse_unusual(values[key], ": ".join(filter(None, (label, setting.name))), component.any_number)
-    return component.partial(values, place(tree) if source is None else source, plain(tree.get(NAME, "")))
-
-
-def _value(setting: Setting, leaf: Any) -> Any:
-    """The value of a leaf, read from its text where it has no type yet."""
-    if isinstance(leaf, list):
-        return tuple(_value(setting, item) for item in leaf)
-    value = plain(leaf)
-    if not isinstance(value, str):
-        return value
-    typed = isinstance(leaf, GivenValue) and leaf.text
-    return setting.read(value) if typed or _has_unit(setting, value) else value
-
-
-def _has_unit(setting: Setting, value: Any) -> bool:
-    """Whether a value is a text with a unit, such as ``"10h"``, which files and Python may hold too."""
-    return setting.kind is float and isinstance(value, str) and not value.rstrip()[-1:].isdecimal()
-
-
-def _components(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
-    catalogue = setting.kind.catalogue
-    if setting.optional and plain(leaf) in (None, NONE):
-        return None
-    if setting.many:
-        items = leaf if isinstance(leaf, list) else [leaf]
-        return tuple(catalogue.read(item, allow_unusual=allow_unusual) for item in items)
-    if isinstance(leaf, list):
-        raise Refusal(f"{place(leaf)}: {setting.name} is a list; give one, a table with a {NAME}")
-    return catalogue.read(leaf, allow_unusual=allow_unusual)
 
 
 class MadeComponent(Component):

@@ -9,16 +9,17 @@ import importlib
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, Generic, TypeVar
 
-from glucoloop.component.base import Component, read
+from glucoloop.component.base import Component
 from glucoloop.component.code import added, entry_points, loaded
 from glucoloop.component.grammar import NAME, Tree, as_table, component_tree, place, plain
+from glucoloop.component.request import Request, completed, read
 from glucoloop.component.setting import known_names
 from glucoloop.refusal import Refusal
 
 P = TypeVar("P", bound=Component)
 
 HOMES: Final = {
-    "patient": "glucoloop.patients.settings:PATIENTS",
+    "patient": "glucoloop.patients.catalogue:PATIENTS",
     "meal model": "glucoloop.meals.settings:MEAL_MODELS",
     "rescue": "glucoloop.meals.settings:RESCUES",
     "habit": "glucoloop.meals.habits:HABITS",
@@ -34,6 +35,7 @@ HOMES: Final = {
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
     "reader": "glucoloop.records.readers:READERS",
+    "forecast method": "glucoloop.forecasts.catalogue:METHODS",
 }
 """Catalogue of each kind, as ``module:attribute``."""
 
@@ -100,18 +102,22 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
 
     def choose(self, text: str) -> P:
         """A component from its text, with its defaults for the settings that it does not give."""
-        return self.parse(text).completed()
+        return completed(self.parse(text))
 
-    def parse(self, text: str, source: str = "") -> P:
-        """A component from its text; what it does not give is left to be completed."""
+    def parse(self, text: str, source: str = "") -> Request[P]:
+        """Request of a component from its text."""
         return self.read(self.tree(text, source))
+
+    def by_default(self, text: str) -> Any:
+        """Default of a field from its text; see `component.request.by_default`."""
+        return self.parse(text)
 
     def tree(self, text: str, source: str = "") -> Tree:
         """Tree of a component from its text."""
         return component_tree(text, source, self.example)
 
-    def read(self, tree: Any, *, allow_unusual: bool = True) -> P:
-        """A component from its tree, or from its text as a leaf of one; `allow_unusual` as for `component.read`."""
+    def read(self, tree: Any, *, allow_unusual: bool = True) -> Request[P]:
+        """Request from the tree of a component, or its text as a leaf of one; `allow_unusual` as for `request.read`."""
         tree = as_table(tree, self.tree)
         source = place(tree)
         try:

@@ -11,6 +11,7 @@ from glucoloop.component.catalogue import catalogues
 from glucoloop.component.code import loaded
 from glucoloop.component.grammar import component_text
 from glucoloop.component.references import reference
+from glucoloop.component.request import Request
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.component.setting import Setting, known_names, value_text
 from glucoloop.refusal import Refusal
@@ -56,7 +57,7 @@ def _setting(component: type[Component], setting: Setting) -> dict[str, Any]:
     usual: dict[str, Any] = {"": setting.default.noise_free}
     if setting.is_component:
         components = setting.default.noise_free
-        components = [components] if isinstance(components, Component) else components or ()
+        components = [components] if isinstance(components, Request) else components or ()
         named = [component_text(component.tree()) for component in components]
         more = f"; and {len(named) - _MAX_COMPONENTS} more" if len(named) > _MAX_COMPONENTS else ""
         usual = {"": "; ".join(named[:_MAX_COMPONENTS]) + more} if named else {}

@@ -32,6 +32,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self, TypeVar
 
 from glucoloop._pytree import register
 from glucoloop.component.base import WIRING, Component
+from glucoloop.component.request import Request
 
 T = TypeVar("T")
 
@@ -124,7 +125,7 @@ class PytreeComponent(Component):
     @classmethod
     def _rebuilt(cls, values: Mapping[str, Any]) -> Self:
         whole = object.__new__(cls)
-        vars(whole).update({**dict.fromkeys(cls._attributes().host, ABSENT), **values})
+        vars(whole).update({"request": Request(cls), **dict.fromkeys(cls._attributes().host, ABSENT), **values})
         return whole
 
     def replaced(self, **values: Any) -> Self:

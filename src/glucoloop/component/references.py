@@ -8,9 +8,10 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Final
+from typing import Any, Final
 
 from glucoloop.component.base import Component
+from glucoloop.component.request import Request
 
 _KINDS: Final = {
     "journal": "article",
@@ -99,13 +100,15 @@ def known_references() -> Mapping[str, Reference]:
     }
 
 
-def cited_components(component: Component) -> Iterator[type[Component]]:
+def cited_components(component: Component | Request[Any]) -> Iterator[type[Component]]:
     """Classes of a component that has a name and of those that it holds, from the outermost inwards."""
-    if component.name:
-        yield type(component)
-    for value in component.values().values():
+    kind = component.component if isinstance(component, Request) else type(component)
+    if kind.name:
+        yield kind
+    for name in kind.settings():
+        value = component.value(name) if isinstance(component, Request) else getattr(component, name)
         for inner in value if isinstance(value, tuple) else (value,):
-            if isinstance(inner, Component):
+            if isinstance(inner, Component | Request):
                 yield from cited_components(inner)
 
 

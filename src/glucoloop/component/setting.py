@@ -148,6 +148,8 @@ class Setting:
     many: bool
     default: Default
     about: About
+    requested: bool = False
+    """Whether its values are requests of components, which are completed later."""
 
     @property
     def summary(self) -> str:
@@ -182,6 +184,14 @@ class Setting:
     def is_component(self) -> bool:
         """Whether its values are components, which have a catalogue."""
         return isinstance(self.kind, type) and hasattr(self.kind, "catalogue")
+
+    def settled(self, value: Any) -> Any:
+        """A component, complete unless the values are requests; None for none."""
+        from glucoloop.component.request import Request, completed, request_of
+
+        if value is None:
+            return None
+        return request_of(value) if self.requested else completed(value) if isinstance(value, Request) else value
 
     def renamed(self, name: str) -> Setting:
         """The same setting under the name of its option, in the same unit."""
@@ -288,7 +298,7 @@ def declared_setting(name: str, hint: Any, default: Default) -> Setting:
             f'{name}: Annotated[float, About("Gain, in mU/min per mg/dl.")] = 1.0'
         )
     kind = hint.__origin__
-    branches = typing.get_args(kind) if isinstance(kind, types.UnionType) else ()
+    branches = typing.get_args(kind) if typing.get_origin(kind) in (types.UnionType, typing.Union) else ()
     optional = type(None) in branches
     if optional:
         [kind] = (branch for branch in branches if branch is not type(None))
@@ -296,7 +306,10 @@ def declared_setting(name: str, hint: Any, default: Default) -> Setting:
     if many:
         kind = typing.get_args(kind)[0]
     choices = typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
-    return Setting(name, type(choices[0]) if choices else kind, choices, optional, many, default, about)
+    requested = not choices and getattr(typing.get_origin(kind), "__name__", "") == "Request"
+    if requested:
+        [kind] = typing.get_args(kind)
+    return Setting(name, type(choices[0]) if choices else kind, choices, optional, many, default, about, requested)
 
 
 def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:

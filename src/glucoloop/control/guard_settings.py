@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Final, Protocol
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import PROFILE, READINGS, Need
+from glucoloop.component.request import Request, completed
 from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
@@ -193,8 +194,9 @@ class Guarded(Protocol):
     guard: ClassVar[Mapping[str, float]]
 
 
-def guard_of(patient: Guarded | type[Guarded], given: GuardSettings | None = None) -> GuardSettings:
-    """A guard with the settings that are usual for a patient, in place of those that were not given."""
-    usual = {**OF_ROUTE[patient.insulin_route], **patient.guard}
-    whole = GuardSettings.partial({}) if given is None else given
-    return whole.completed(usual)
+def guard_of(
+    patient: Guarded | type[Guarded], guard: GuardSettings | Request[GuardSettings] | None = None
+) -> GuardSettings:
+    """A guard with the defaults of a patient, in place of the settings that are not explicit."""
+    defaults = {**OF_ROUTE[patient.insulin_route], **patient.guard}
+    return completed(guard or Request(GuardSettings), defaults)

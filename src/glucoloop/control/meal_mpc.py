@@ -17,6 +17,7 @@ from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import TIME_OF_DAY, Need
 from glucoloop.component.pytree_component import DATA, STATIC, wired
 from glucoloop.component.ranges import Tuned
+from glucoloop.component.request import by_default
 from glucoloop.component.setting import About
 from glucoloop.control.decision import (
     MealsToCome,
@@ -147,7 +148,7 @@ class MealMPC(MealTuning, name="meal-mpc"):
         Tuned("measurement_variance", 0.3, 30.0, log=True, by_default=False),
     )
 
-    estimator: Annotated[EstimatorComponent, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.default].partial({})
+    estimator: Annotated[EstimatorComponent, About("Estimator of meals.")] = by_default(ESTIMATORS[ESTIMATORS.default])
     meals_per_h: Annotated[
         float,
         About("Expected number of meals per hour; more is quicker and less certain.", above=0.0, needs=(_STEADY,)),

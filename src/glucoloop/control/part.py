@@ -129,15 +129,10 @@ class ControllerComponent(PytreeComponent):
         if cls.tunable and not hasattr(cls, "move_horizon"):
             raise TypeError(f"the controller {cls.name} cannot be tunable: it lacks one of {', '.join(_TUNED)}")
 
-    def __post_init__(self) -> None:
-        for name, setting in self.settings().items():
-            if setting.is_component:
-                object.__setattr__(self, name, getattr(self, name).completed())
-
     @classmethod
     def defaults_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
         """Default settings for a route of insulin, where they differ from the defaults, for readings without noise."""
-        return {name: usual.noise_free for name, usual in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
+        return {name: default.noise_free for name, default in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
 
     def uses(self) -> frozenset[Need]:
         """Needs that a controller with these settings meets; boluses and a design for each person are two of them."""

@@ -44,11 +44,11 @@ from glucoloop.lab.lowered_function import PageFunction, names_of, page_function
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN, patients, situation
 from glucoloop.native.targets.c.source import trace, write_source
 from glucoloop.native.targets.wasm.module import CFunction
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import linear_model
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import default_case
 from glucoloop.therapy import Profile
 
 _CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
@@ -80,11 +80,11 @@ def default_tuning(name: str, family: str, operating_point: str, *sensor: str) -
 
     A horizon that suits the model is that of the model which the page has.
     """
-    tuning = dict(usual_case(name, situation(family, operating_point, *sensor)).tuning)
+    tuning = dict(default_case(name, situation(family, operating_point, *sensor)).tuning)
     if horizon_suits_model(name, family):
         exact = [of for of in sensor if of != "white-noise"]  # the page's models are free of noise
         at_point = situation(family, operating_point, *exact)
-        designed: Any = controller_of(at_point, usual_case(name, at_point))
+        designed: Any = controller_of(at_point, default_case(name, at_point))
         _, tuning["prediction_horizon"] = designed.horizons
     return tuning
 
@@ -92,7 +92,7 @@ def default_tuning(name: str, family: str, operating_point: str, *sensor: str) -
 @functools.cache
 def horizon_suits_model(name: str, family: str) -> bool:
     """Whether the default horizon of a controller for a family is the one that suits the model."""
-    tuning = usual_case(name, situation(family, next(iter(patients(family))))).tuning
+    tuning = default_case(name, situation(family, next(iter(patients(family))))).tuning
     return dict(tuning).get("prediction_horizon") == 0
 
 
@@ -132,7 +132,7 @@ def shortest_horizon(name: str, family: str, *sensor: str) -> int:
             response = linear_response(linear_model(patients(family)[operating_point]))
         else:
             at_point = situation(family, operating_point, *sensor)
-            response = identified_response(nominal_model(at_point, usual_case(name, at_point)).model)
+            response = identified_response(nominal_model(at_point, default_case(name, at_point)).model)
         return least_horizon(*response) or longest_horizon(family)
 
     return max(map(of_patient, patients(family)))
@@ -140,7 +140,7 @@ def shortest_horizon(name: str, family: str, *sensor: str) -> int:
 
 def _with_room(name: str, family: str, operating_point: str, *sensor: str) -> Any:
     at_point = situation(family, operating_point, *sensor)
-    controller: Any = controller_of(at_point, usual_case(name, at_point))
+    controller: Any = controller_of(at_point, default_case(name, at_point))
     moves, _ = controller.horizons
     return controller.padded(moves, longest_horizon(family))
 
@@ -154,7 +154,7 @@ def _example_controller(name: str, family: str) -> Controller:
         return BasalBolus(carb_ratio_g_U=10.0, correction_mg_dl_U=40.0).of_person(profile)
     if name == "profile-mpc":
         at_point = situation(family, point)
-        designed: Controller = controller_of(at_point, usual_case(name, at_point))
+        designed: Controller = controller_of(at_point, default_case(name, at_point))
         return designed
     if name == "pid":
         return design_pid(PIDTuning(1.0, 60.0, 1.0), PARKER_1999_LIMITS)

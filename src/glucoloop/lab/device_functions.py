@@ -16,6 +16,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.build.surroundings import put_around
+from glucoloop.component.request import Request, completed
 from glucoloop.control.protocol import Status
 from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.lab.lowered_function import PageFunction, page_function, start_function
@@ -68,7 +69,7 @@ def sensor_functions() -> dict[str, PageFunction]:
     for entry in FAULTS.values():
         if entry.part == "sensor" and entry.name not in _OF_ANOTHER:
             delay = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
-            result |= _fault_functions(entry.partial({"start_min": 0.0, **delay}).completed())
+            result |= _fault_functions(completed(Request(entry, {"start_min": 0.0, **delay})))
     return result
 
 
@@ -91,7 +92,7 @@ def errors_of(name: str) -> MonitorErrors:
 
     A model of one process has a second one that is always zero, so that all monitors have one program.
     """
-    alone = SENSORS[name].partial({"lag_min": 0.0, "display": False}).completed()
+    alone = completed(Request(SENSORS[name], {"lag_min": 0.0, "display": False}))
     monitor: MonitorErrors = alone.made(
         inner=_Passed(valid=jnp.asarray(True)), site=None, sample_time_min=SAMPLE_TIME_MIN
     )
@@ -144,7 +145,7 @@ def _pumps() -> dict[str, Pump]:
         times = {"start_min": 0.0} if entry.timed else {}
         noticing = _NOTICED in entry.settings()
         for notice in ({_NOTICED: False}, {_NOTICED: True}) if noticing else ({},):
-            fault = entry.partial({**times, **notice}).completed()
+            fault = completed(Request(entry, {**times, **notice}))
             result[_fault_name(fault)] = put_around(default_pump, fault, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
     return result
 

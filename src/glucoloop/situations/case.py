@@ -7,9 +7,10 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Self
 
-from glucoloop.component.base import Component, read
+from glucoloop.component.base import Component
 from glucoloop.component.effects import DEAD_TIME, Need
-from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, component_text, place
+from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, place
+from glucoloop.component.request import Request, by_default, completed, made_of, read, request_of, requested
 from glucoloop.component.setting import About, Value
 from glucoloop.control.catalogue import CONTROLLERS, DEFAULT_CONTROLLER
 from glucoloop.control.guard_settings import GuardSettings, guard_of
@@ -37,7 +38,7 @@ class Case(Component):
     may_have: ClassVar = ("label",)
 
     controller: Annotated[ControllerComponent, About("The controller.")] = dataclasses.field(
-        default_factory=lambda: CONTROLLERS[DEFAULT_CONTROLLER].partial({})
+        default_factory=lambda: by_default(CONTROLLERS[DEFAULT_CONTROLLER])
     )
     label: Annotated[str, About("Name of the case; by default the controller and what was given of it.")] = ""
     known_dead_time: Annotated[
@@ -63,47 +64,21 @@ class Case(Component):
         tuple[FaultComponent, ...], About("Faults of this case only, around those of the situation.")
     ] = ()
 
-    def __post_init__(self) -> None:
-        if not self.label.strip():
-            object.__setattr__(self, "label", component_text(self.controller.tree()))
-        if not is_printable(self.label):
-            raise Refusal(f"the label {self.label!r} cannot be printed in a line; leave out its control characters")
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings with a label."""
+        return super().resolved({**values, "label": _label(values["label"], values["controller"])})
 
-    def completed_in(
-        self, situation: Situation, guard: GuardSettings | None = None, model: ModelComponent | None = None
-    ) -> Self:
-        """The case with everything that is usual in a situation, and a guard and a model if it has none of its own."""
-        patient, controller = situation.patient, self.controller
-        pace_min = situation.sample_time_min if self.every_min is None else self.every_min
-        if self.every_min is not None:
-            from glucoloop.control.pace import samples_of_pace
-
-            samples_of_pace(self.every_min, situation.sample_time_min)
-        guard = self.guard if "guard" in self.explicit else guard
-        model = self.model if self.model is not None else model
-        if isinstance(model, IdentifiedComponent) or (model is None and controller.uses_model):
-            usual = patient.identification(pace_min)
-            identified = IdentifiedComponent.partial({}) if model is None else model
-            model = identified.completed({"noise_variance": situation.noise_variance, **usual})
-            model = model if controller.uses_model else None
-        elif model is not None:
-            model = model.completed()
-        whole = type(self)(
-            controller=controller.completed(patient.usual_of(controller.name), noisy=situation.noisy),
-            label=self.label or component_text(controller.tree()),
-            known_dead_time=self.known_dead_time,
-            guard=None if guard is None else guard_of(patient, guard),
-            model=model,
-            every_min=self.every_min,
-            faults=tuple(fault.completed() for fault in self.faults),
-        )
-        return whole._noted(self.explicit, self.source, self.display_name)
-
-    def tree(self, *, whole: bool = False) -> Tree:
+    @classmethod
+    def arranged(cls, tree: Tree) -> Tree:
         """The controller, with what else is of the case among its settings."""
-        result = super().tree(whole=whole)
-        controller = result.pop("controller", self.controller.tree(whole=whole))
-        return {**controller, **{key: value for key, value in result.items() if value not in (None, [])}}
+        controller = tree.pop("controller", {NAME: DEFAULT_CONTROLLER})
+        return {**controller, **{key: value for key, value in tree.items() if value not in (None, [])}}
+
+    def as_request(self) -> Request[Self]:
+        """The request of the case, with the model that it was completed with."""
+        model = {} if self.model is None else {"model": self.model}
+        return dataclasses.replace(self.request, explicit={**self.explicit, **model})
 
     def uses(self) -> frozenset[Need]:
         """Needs that the controller meets, and its guard."""
@@ -120,6 +95,48 @@ class Case(Component):
         return self.model if isinstance(self.model, IdentifiedComponent) else IdentifiedComponent()
 
 
+def label_of(case: Request[Case]) -> str:
+    """Label of a case: the explicit one, or the controller and what is explicit of it."""
+    return _label(case.value("label"), case.value("controller"))
+
+
+def _label(label: str, controller: ControllerComponent | Request[ControllerComponent]) -> str:
+    label = label if label.strip() else request_of(controller).text
+    if not is_printable(label):
+        raise Refusal(f"the label {label!r} cannot be printed in a line; leave out its control characters")
+    return label
+
+
+def completed_case(
+    case: Request[Case],
+    situation: Situation,
+    guard: Request[GuardSettings] | None = None,
+    model: Request[ModelComponent] | None = None,
+) -> Case:
+    """The case with the defaults of a situation, and a guard and a model if it has none of its own."""
+    patient, controller = situation.patient, request_of(case.value("controller"))
+    every_min = case.value("every_min")
+    if every_min is not None:
+        from glucoloop.control.pace import samples_of_pace
+
+        samples_of_pace(every_min, situation.sample_time_min)
+    own_guard = case.explicit.get("guard", guard)
+    own_model = case.value("model") or model
+    defaults = patient.controller_defaults(controller.component.name)
+    settings: dict[str, Any] = {
+        "controller": completed(controller, defaults, noisy=situation.noisy),
+        "guard": None if own_guard is None else guard_of(patient, own_guard),
+    }
+    if own_model is not None or controller.component.uses_model:
+        chosen = Request(IdentifiedComponent) if own_model is None else request_of(own_model)
+        identified = issubclass(chosen.component, IdentifiedComponent)
+        pace_min = situation.sample_time_min if every_min is None else every_min
+        of_patient = {"noise_variance": situation.noise_variance, **patient.identification(pace_min)}
+        whole = completed(chosen, of_patient if identified else {})
+        settings["model"] = whole if controller.component.uses_model or not identified else None
+    return made_of(case, {**case.explicit, **settings})
+
+
 @functools.cache
 def _beside() -> Mapping[str, str]:
     """Settings of a case that stand among those of its controller, also by their names without the unit."""
@@ -134,8 +151,8 @@ class _Cases:
         """Tree of a case from its text."""
         return CONTROLLERS.tree(text, source)
 
-    def read(self, tree: Any, *, allow_unusual: bool = True) -> Case:
-        """A case from its tree, or from its text as a leaf of one."""
+    def read(self, tree: Any, *, allow_unusual: bool = True) -> Request[Case]:
+        """Request from the tree of a case, or its text as a leaf of one."""
         controller = as_table(tree, self.tree)
         of_case: dict[str, Any] = {}
         if isinstance(controller, Mapping):
@@ -145,23 +162,24 @@ class _Cases:
             }
         designed = CONTROLLERS.read(controller, allow_unusual=allow_unusual)
         for name in _beside().values():
-            if name in designed.settings():
+            if name in designed.component.settings():
                 raise Refusal(
                     f"the controller {designed.display_name} has a setting {name!r}, which every case has already; its "
                     "author has to give it another name"
                 )
         case = read(Case, of_case, allow_unusual=allow_unusual)
-        return Case.partial({**case.explicit, "controller": designed}, place(tree))
+        return requested(Case, {**case.explicit, "controller": designed}, place(tree))
 
 
 Case.catalogue = _Cases()  # type: ignore[attr-defined]
 
 
-def usual_case(controller: str, situation: Situation) -> Case:
+def default_case(controller: str, situation: Situation) -> Case:
     """A controller with its default settings in a situation, on a model identified from an equally noisy record."""
-    return Case(controller=CONTROLLERS.find(controller).partial({})).completed_in(situation)
+    [case] = cases_of(controller)
+    return completed_case(case, situation)
 
 
-def cases_of(*names: str) -> tuple[Case, ...]:
+def cases_of(*names: str) -> tuple[Request[Case], ...]:
     """A case for each of some controllers, as a default of what a study asks for."""
-    return tuple(Case.partial({"controller": CONTROLLERS[name].partial({})}) for name in names)
+    return tuple(Request(Case, {"controller": Request(CONTROLLERS.find(name))}) for name in names)

@@ -17,10 +17,9 @@ from glucoloop.arguments import converted
 from glucoloop.component.grammar import NAME, component_tree, plain
 from glucoloop.component.setting import known_names
 from glucoloop.meals import Meal
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, patient_entry
 from glucoloop.patients.joint import JointVariation
-from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, population, population_names
-from glucoloop.patients.settings import DEFAULT_PATIENT, patient_entry
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
 from glucoloop.patients.variation import Variation
 from glucoloop.refusal import Refusal
@@ -114,7 +113,7 @@ def read_table(rows: Sequence[Mapping[str, Any]], patient: str, draw: str = ONCE
     A column that is a parameter of the patient, as weight is of some, is known to whoever doses as well. What is not
     known of a person's profile is left out; parameters are given of all or of none.
     """
-    model = patient_model(patient)
+    model = patient_entry(patient)
     columns = list(dict.fromkeys(column for row in rows for column in row))
     names, meals = [], []
     for number, row in enumerate(rows, 1):
@@ -279,7 +278,7 @@ def described_population(name: str, patient: str) -> tuple[dict[str, Any], list[
         ]
     elif drawn:
         lines.append(f"  People of {patient}, drawn by the seed; one alone: --patient '{patient}, person=17'")
-    meanings = patient_model(patient).meanings
+    meanings = patient_entry(patient).meanings
     for parameter, of in drawn.items():
         meant = f": {meanings[parameter]}" if parameter in meanings else ""
         lines.append(f"  {parameter} from {of.lower:.4g} to {of.upper:.4g}, about {of.centre:.4g} ({of.kind}){meant}")
@@ -293,7 +292,7 @@ def person_of(text: str, patient: str, seed: int) -> Population:
     ``person=17``; of another population that stands before a colon: ``people.csv:anna``.
     """
     where, _, name = text.rpartition(":")
-    people = _population_named(where.strip() or patient_entry(patient).usual_population, patient)
+    people = _population_named(where.strip() or patient_entry(patient).default_population, patient)
     try:
         return people.alone(name.strip(), seed)
     except Refusal as error:

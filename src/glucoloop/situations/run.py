@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.component.effects import CHANCE, EXERCISE, MEALS, READINGS, Need
 from glucoloop.component.grammar import Tree
-from glucoloop.component.setting import Default
+from glucoloop.component.request import Request, completed
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.models.settings import ModelComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import whole_samples
-from glucoloop.situations.case import Case
+from glucoloop.situations.case import Case, completed_case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioComponent
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
@@ -49,7 +49,7 @@ class ControlledSituation(Situation):
     kind: ClassVar = "situation"
 
     controller: Annotated[
-        tuple[Case, ...],
+        tuple[Request[Case], ...],
         _controller(
             "Controller with its settings, like 'mpc-se, move_horizon=2, label=careful'; repeat it for more. Without "
             "a name the settings are those of the controller that is there.",
@@ -57,7 +57,7 @@ class ControlledSituation(Situation):
         ),
     ] = ()
     guard: Annotated[
-        GuardSettings | None,
+        Request[GuardSettings] | None,
         _controller(
             "Put a guard around the controllers: it rejects impossible readings, gives at most the basal rate "
             "without readings, suspends insulin on predicted low glucose, and bounds the dose.",
@@ -65,7 +65,7 @@ class ControlledSituation(Situation):
         ),
     ] = None
     model: Annotated[
-        ModelComponent | None,
+        Request[ModelComponent] | None,
         _controller(
             "Model of the controllers: 'memory=48, noise_variance=0', or a file of `glucoloop identify`.",
             default="identified from the patient",
@@ -88,13 +88,13 @@ class ControlledSituation(Situation):
 
     @functools.cached_property
     def cases(self) -> tuple[Case, ...]:
-        """The controllers with everything that is usual in the situation; a refusal has the label of the case."""
+        """The controllers with the defaults of the situation; a refusal has the label of the case."""
         result = []
-        for case in self.controller or (Case.partial({}),):
+        for case in self.controller or (Request(Case),):
             try:
-                result.append(case.completed_in(self, self.guard, self.model))
+                result.append(completed_case(case, self, self.guard, self.model))
             except Refusal as error:
-                raise error.within("" if len(self.controller) < 2 else f"case {case.label!r}") from None
+                raise error.within("" if len(self.controller) < 2 else f"case {case.value('label')!r}") from None
         return tuple(result)
 
     @property
@@ -116,7 +116,7 @@ class ControlledSituation(Situation):
         return super().uses() - {READINGS} | by_controllers | by_metrics
 
     def tree(self, *, whole: bool = False) -> Tree:
-        """Given settings as plain values; with `whole` all that are used, guard and model in each case."""
+        """Explicit settings as plain values; with `whole` all that are used, guard and model in each case."""
         result = super().tree(whole=whole)
         if whole:
             if "controller" in result:
@@ -145,17 +145,21 @@ class FedSituation(DaySettings, ControlledSituation):
         ),
     ] = None
 
-    def __post_init__(self) -> None:
-        from glucoloop.physiology.exercise import refuse_exercise
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings with meals and exercise in one way of writing."""
         from glucoloop.situations.exercise_text import same_exercise
         from glucoloop.situations.meal_text import same_meals
 
+        texts = {"exercise": same_exercise(values["exercise"]), "meals": same_meals(values["meals"])}
+        return super().resolved({**values, **texts})
+
+    def __post_init__(self) -> None:
+        from glucoloop.physiology.exercise import refuse_exercise
+
         super().__post_init__()
-        object.__setattr__(self, "exercise", same_exercise(self.exercise))
         if self.exercise:
             refuse_exercise(self.nominal, self.patient.display_name)
-        object.__setattr__(self, "habits", tuple(habit.completed() for habit in self.habits))
-        object.__setattr__(self, "meals", same_meals(self.meals))
         alone = next((habit.display_name for habit in self.habits if habit.of_announcements), None)
         if alone is not None and not self.announce_meals:
             raise Refusal(
@@ -169,23 +173,22 @@ class FedSituation(DaySettings, ControlledSituation):
         whole_samples(self.warm_up_min, self.sample_time_min, "a warm-up")
         self.refuse_late_faults(self.horizon_min)
 
-    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The situation with everything that is usual, which a scenario says first.
-
-        Days or a length that were given take the place of what would be usual of the other.
-        """
-        of_scenario = {} if self.scenario is None else self.scenario.completed().values()
-        for name in type(self).refused:
+    @classmethod
+    def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Defaults, of which a scenario says its own; days or a length that are explicit exclude the other."""
+        scenario = request.explicit.get("scenario")
+        of_scenario = {} if scenario is None else completed(scenario).values()
+        for name in cls.refused:
             if name in of_scenario and of_scenario.pop(name) != Situation.settings()[name].default.noise_free:
                 raise Refusal(
-                    f"the scenario has {name}, which is no part of a {self.kind}; leave it out of the scenario"
+                    f"the scenario has {name}, which is no part of a {cls.kind}; leave it out of the scenario"
                 )
-        usual = {**(usual or {}), **{name: Default(value) for name, value in of_scenario.items()}}
-        if self.explicit.get("days") is not None:
-            usual["duration_min"] = Default(None)
-        elif self.explicit.get("duration_min") is not None:
-            usual["days"] = Default(None)
-        return super().completed(usual, noisy=noisy)
+        defaults = {**defaults, **of_scenario}
+        if request.explicit.get("days") is not None:
+            defaults["duration_min"] = None
+        elif request.explicit.get("duration_min") is not None:
+            defaults["days"] = None
+        return super().defaults_of(request, defaults)
 
     def uses(self) -> frozenset[Need]:
         """Needs that the situation meets, with its meals and its exercise where it has them."""
@@ -351,10 +354,11 @@ class Run(FedSituation):
         ),
     ] = "fast"
 
-    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The run with everything that is usual; for days that were given, the usual meals are those of a day."""
-        of_days = {"meals": Default(DEFAULT_DAY)} if self.explicit.get("days") is not None else {}
-        return super().completed({**of_days, **(usual or {})}, noisy=noisy)
+    @classmethod
+    def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Defaults, where the meals are those of a day if days are explicit."""
+        of_days = {"meals": DEFAULT_DAY} if request.explicit.get("days") is not None else {}
+        return super().defaults_of(request, {**of_days, **defaults})
 
     def uses(self) -> frozenset[Need]:
         """Needs that the run meets, and chance where something is drawn, as a noisy record of a model is."""

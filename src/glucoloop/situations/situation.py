@@ -1,8 +1,8 @@
 """Situation of a controller: the patient, the sensor and the pump with their faults.
 
 It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it.
-Where it is made, in Python, from a file or from the command line, its components are completed by what is usual for the
-patient; what was given stays apart, see `component.base.Component`.
+Where it is made, in Python, from a file or from the command line, its components are completed by the defaults of the
+patient; what was given stays apart, see `component.request.Request`.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from glucoloop.component.effects import (
 )
 from glucoloop.component.grammar import given as given_values
 from glucoloop.component.number_text import parse_time_of_day
+from glucoloop.component.request import by_default, completed, request_of
 from glucoloop.faults import START, FaultComponent
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.settings import MealModelComponent, RescueComponent
 from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Metric
-from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientComponent
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
+from glucoloop.patients.component import PatientComponent
 from glucoloop.physiology.settings import RhythmComponent
 from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
 SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
 """Shortest sample time; with it the paper's memory of three hours stays within the largest memory."""
 LONGEST_SAMPLE_TIME_MIN: Final = 120.0
+_PUMP_LIMITS: Final = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
 _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
 
@@ -132,7 +135,7 @@ class Situation(Component):
     patient: Annotated[
         PatientComponent,
         _patient("Patient; pump, model and tuning are by default those usual for it.", default=DEFAULT_PATIENT.name),
-    ] = DEFAULT_PATIENT.partial({})
+    ] = by_default(DEFAULT_PATIENT)
     setpoint_mg_dl: Annotated[
         float | None,
         _patient(
@@ -191,7 +194,7 @@ class Situation(Component):
             "Pump: limited, resolution or expiring, with its limits; by default those usual for the patient.",
             default=PUMPS.default,
         ),
-    ] = PUMPS[PUMPS.default].partial({})
+    ] = by_default(PUMPS[PUMPS.default])
     faults: Annotated[
         tuple[FaultComponent, ...],
         _sensor(
@@ -218,20 +221,16 @@ class Situation(Component):
     ] = 0
     allow_unusual: Annotated[bool, Option("Accept values that look like another unit or are implausible.")] = False
 
-    def __post_init__(self) -> None:
-        patient = self.patient.completed({"operating_point": self.patient.usual_point})
-        usual = {
-            key: getattr(patient, key) for key in ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
-        }
-        object.__setattr__(self, "patient", patient)
-        object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.own_limits}))
-        if self.rescue is not None:
-            object.__setattr__(self, "rescue", self.rescue.completed())
-        for name in ("rhythm", "sensor", "faults", "metrics"):
-            object.__setattr__(self, name, tuple(component.completed() for component in getattr(self, name)))
-        self._refuse_at_odds()
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings with the patient at an operating point, and the pump with the limits that suit the patient."""
+        patient, pump = request_of(values["patient"]), request_of(values["pump"])
+        at_rest = completed(patient, {"operating_point": patient.component.default_operating_point})
+        limits = {name: getattr(at_rest, name) for name in _PUMP_LIMITS}
+        limited = completed(pump, {**limits, **pump.component.own_limits})
+        return super().resolved({**values, "patient": at_rest, "pump": limited})
 
-    def _refuse_at_odds(self) -> None:
+    def __post_init__(self) -> None:
         from glucoloop.meals import meal_model_of
         from glucoloop.patients.capabilities import sites
         from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
@@ -416,20 +415,11 @@ class Situation(Component):
     @functools.cached_property
     def one_person(self) -> Population | None:
         """Population of nobody but the one person of the situation; None for a situation of the nominal patient."""
-        from glucoloop.situations.population import person_of
-
-        text = self.patient.person
-        return None if text is None else person_of(text, self.patient.display_name, self.seed)
+        return one_person_of(self.patient, self.seed)
 
     @functools.cached_property
     def _alone(self) -> tuple[Patient, Profile]:
-        """The one person at the glucose of the operating point, or the nominal patient; with the profile."""
-        from glucoloop.patients.population import alone, nominal_profile
-
-        nominal = _nominal(self.patient.display_name, self.patient.rests_at)
-        if self.one_person is None:
-            return nominal, nominal_profile(self.patient.display_name, nominal)
-        return alone(self.one_person, float(nominal.setpoint_mg_dl))
+        return alone_at_rest(self.patient, self.one_person)
 
     @property
     def gut(self) -> MealModel | None:
@@ -473,6 +463,23 @@ class Situation(Component):
         return bolus_limits(max_U=pump.max_bolus_U, min_U=pump.min_bolus_U, step_U=pump.bolus_step_U)
 
 
+def alone_at_rest(patient: PatientComponent, one_person: Population | None) -> tuple[Patient, Profile]:
+    """The one person at the glucose of the operating point, or the nominal patient; with the profile."""
+    from glucoloop.patients.population import alone, nominal_profile
+
+    nominal = _nominal(patient.display_name, patient.rests_at)
+    if one_person is None:
+        return nominal, nominal_profile(patient.display_name, nominal)
+    return alone(one_person, float(nominal.setpoint_mg_dl))
+
+
+def one_person_of(patient: PatientComponent, seed: int) -> Population | None:
+    """Population of nobody but the one person that a patient is; None for the nominal patient."""
+    from glucoloop.situations.population import person_of
+
+    return None if patient.person is None else person_of(patient.person, patient.display_name, seed)
+
+
 @functools.cache
 def _nominal(name: str, operating_point: str) -> Patient:
     from glucoloop.patients import patient
@@ -482,9 +489,9 @@ def _nominal(name: str, operating_point: str) -> Patient:
 
 def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: str = "", **more: Any) -> Any:
     """A situation, or what extends one, from plain values as a file has them: ``configured(Run, sensor=["lag"])``."""
-    return read_root(root, given_values({**(keys or {}), **more}, where), allow_unusual=True).completed()
+    return completed(read_root(root, given_values({**(keys or {}), **more}, where), allow_unusual=True))
 
 
-def usual_situation(patient: str = DEFAULT_PATIENT.name, operating_point: str | None = None) -> Situation:
+def default_situation(patient: str = DEFAULT_PATIENT.name, operating_point: str | None = None) -> Situation:
     """A patient at an operating point, the default one by default, with the default pump and noise-free readings."""
     return Situation(patient=PATIENTS.find(patient)(operating_point=operating_point))

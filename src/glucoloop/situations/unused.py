@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
 from glucoloop.component.base import Component
 from glucoloop.component.effects import BOLUSES, OF_CONTROLLERS, Need
+from glucoloop.component.request import Request, completed, request_of
 from glucoloop.component.setting import Setting
 from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.refusal import Refusal
 
 _MAX_NAMED = 8
 """Most other controllers that a note names."""
@@ -26,7 +29,7 @@ def without_effect(
     """
     all_uses = request.uses() if uses is None else uses
     cases = () if uses is not None or "controller" in request.refused else getattr(request, "cases", ())
-    controllers = list(dict.fromkeys(case.controller.display_name for case in cases))
+    controllers = list(dict.fromkeys(request_of(case).value("controller").display_name for case in cases))
     notes = (
         f"{name} has {need.effect}: {_reason(need, controllers)}." for name, need in _unused(request, all_uses, named)
     )
@@ -39,17 +42,24 @@ def _unused(
     """Names of explicit settings without effect, or of components without effect among them, with what each lacks."""
     for name, value in component.explicit.items():
         setting = type(component).settings()[name]
-        items = value if isinstance(value, tuple | list) else (value,)
         lacking = _first_lacking(setting.about.needs, uses)
         if lacking is not None and value != setting.default.noise_free:
             yield named(setting) if named is not None else f"{name} of the {_called(component)}", lacking
             continue
-        for inner in (item for item in items if isinstance(item, Component)):
+        for inner in _components(value):
             lacking = _first_lacking(inner.needs(), uses)
             if lacking is not None:
                 yield f"The {_called(inner)}", lacking
             else:
                 yield from _unused(inner, uses | inner.uses())
+
+
+def _components(value: Any) -> Iterator[Component]:
+    """Components of an explicit setting; those that need other defaults than the ones of their class are left out."""
+    for item in value if isinstance(value, tuple | list) else (value,):
+        if isinstance(item, Component | Request):
+            with contextlib.suppress(Refusal):
+                yield completed(item)
 
 
 def _first_lacking(needs: tuple[Need, ...], uses: frozenset[Need]) -> Need | None:
@@ -66,7 +76,7 @@ def _reason(need: Need, controllers: list[str]) -> str:
     several = len(controllers) > 1
     who = f"the controller{'s' if several else ''} {_listed(controllers)} {'do' if several else 'does'} not"
     what = f"give {need.noun}" if need is BOLUSES else f"use {need.noun}"
-    others = [name for name, component in CONTROLLERS.items() if need in component.partial({}).uses()]
+    others = [name for name, component in CONTROLLERS.items() if need in component().uses()]
     known = f"; {_listed(others)} do" if 0 < len(others) <= _MAX_NAMED else "; the others do" if others else ""
     return f"{who} {what}{known}"
 

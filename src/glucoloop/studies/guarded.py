@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.component.effects import Need
-from glucoloop.component.setting import Default
+from glucoloop.component.request import Request
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
@@ -32,7 +32,7 @@ class GuardedTrial(Trial):
     refused: ClassVar[tuple[str, ...]] = ("traces", "metrics")
 
     guard: Annotated[
-        GuardSettings | None,
+        Request[GuardSettings] | None,
         Option(
             "Settings of the guard, like 'max_on_board=2'; by default those of the patient.",
             panel=CONTROLLER_PANEL,
@@ -47,12 +47,12 @@ class GuardedTrial(Trial):
         guard = GuardSettings().uses() | {_GUARD} if self.guards != "without" else frozenset()
         return super().uses() | guard
 
-    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The trial with everything that is usual."""
-        config: tuple[GuardedTrial | Case, ...] = (self, *self.controller)
-        if any("guard" in case.explicit and case.guard is None for case in config):
+    @classmethod
+    def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Defaults; a guard that is left out is refused."""
+        if any(part.explicit.get("guard", part) is None for part in (request, *request.value("controller"))):
             raise Refusal("--guard is none; let --guards say whether there is one, like --guards without")
-        return super().completed(usual, noisy=noisy)
+        return super().defaults_of(request, defaults)
 
     def with_guard(self, case: Case, guarded: bool) -> Case:
         """A controller with the guard that it has of its own or with that of all, or without one."""

@@ -16,12 +16,13 @@ from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import Surroundings
 from glucoloop.component.effects import warn_without_effect
+from glucoloop.component.request import Request, completed
 from glucoloop.control import Controller
 from glucoloop.meals import Scenario, eaten
 from glucoloop.meals.scenario import announced_g, announced_min
 from glucoloop.metrics import Metrics, RunningMetrics
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.patients.settings import patient_entry
 from glucoloop.physiology.exercise import draw_bouts
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import DoseLimits
@@ -134,7 +135,7 @@ def simulate_people(
 
     loop = PeopleLoop(
         Situation(
-            patient=patient_entry(people.name).partial({}, display_name=people.name),
+            patient=completed(Request(patient_entry(people.name), alias=people.name)),
             setpoint_mg_dl=setpoint,
             announce_meals=scenario.announced,
             announce_before_min=scenario.announced_in_min or 0.0,

@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.component.effects import INDIVIDUAL
 from glucoloop.component.grammar import Tree
-from glucoloop.component.setting import Default
+from glucoloop.component.request import Request, completed, request_of
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MAX_DAYS, MAX_PEOPLE
-from glucoloop.patients.settings import patient_entry
+from glucoloop.patients.catalogue import patient_entry
+from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.situations.run import FedSituation
 from glucoloop.situations.scenarios import DEFAULT_DAY
+from glucoloop.situations.situation import one_person_of
 from glucoloop.unit_guess import DURATION
 from glucoloop.units import MIN_PER_DAY, MIN_PER_WEEK
 
@@ -151,42 +153,28 @@ class Trial(FedSituation):
         ),
     ] = None
 
+    @classmethod
+    def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Defaults, where all people of a table take part who are in it."""
+        patient = request_of(request.value("patient"))
+        if patient.explicit.get("person") is not None and "population" not in request.explicit:
+            defaults = {**defaults, "population": None}
+        elif "people" not in request.explicit:
+            population = _population_for(completed(patient), request.value("population"), request.value("seed"))
+            if population.most_people is not None:
+                number = defaults.get("people", cls.settings()["people"].default.noise_free)
+                left = population.most_people - request.value("first_person")
+                defaults = {**defaults, "people": max(1, min(number, left))}
+        return super().defaults_of(request, defaults)
+
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings with the population itself."""
+        result = super().resolved(values)
+        return {**result, "population": _population_for(result["patient"], result["population"], result["seed"])}
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "population", self._resolved_population())
-        self._refuse_impossible()
-        if self.shard_people is None:
-            slow = any(case.controller.slow for case in self.cases)
-            traced = self.people if self.traces == "all" else 0
-            size = usual_shard_people(self.people, self.plan.horizon_min, traced=traced, slow=slow)
-            object.__setattr__(self, "shard_people", size)
-
-    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The trial with everything that is usual; of a table of people all who are in it are."""
-        usual = dict(usual or {})
-        if self.patient.person is not None and "population" not in self.explicit:
-            usual["population"] = Default(None)
-        elif "people" not in self.explicit:
-            most = self._resolved_population().most_people
-            if most is not None:
-                number = usual.get("people", type(self).settings()["people"].default).noise_free
-                usual["people"] = Default(max(1, min(number, most - self.first_person)))
-        return super().completed(usual, noisy=noisy)
-
-    def _resolved_population(self) -> Population:
-        """Population of the trial: that of the one person of its patient, the one that is given, or the default one."""
-        from glucoloop.patients.population import Population
-
-        if self.patient.person is not None and not isinstance(self.population, Population):
-            if self.population is not None:
-                raise Refusal(
-                    f"the patient is one person, {self.patient.person!r}, and a population is given too; leave one "
-                    "out, or name the person of that population, like person=people.csv:anna"
-                )
-            return typing.cast(Population, self.one_person)
-        return population_of(self.population, self.patient.display_name)
-
-    def _refuse_impossible(self) -> None:
         last = LARGEST_COUNTER + 1 - self.people
         if self.first_person > last:
             raise Refusal(f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}")
@@ -203,7 +191,7 @@ class Trial(FedSituation):
         _ = self.plan, self.bouts  # which refuse what is not possible
 
     def tree(self, *, whole: bool = False) -> Tree:
-        """Given settings as plain values, with the table of a population from a file."""
+        """Explicit settings as plain values, with the table of a population from a file."""
         from glucoloop.patients.population import Population, is_preset
         from glucoloop.situations.population import population_keys
 
@@ -211,13 +199,15 @@ class Trial(FedSituation):
         if "population" in result and isinstance(self.population, Population):
             preset = is_preset(self.population)
             result["population"] = self.population.name if preset else population_keys(self.population)
+        if whole and "shard_people" in result:
+            result["shard_people"] = self.people_a_shard
         if whole and self.days is None and self.duration_min is None:
             result["days"] = 1
         return result
 
-    def with_cases(self, cases: tuple[Case, ...], **other: Any) -> Trial:
+    def with_cases(self, cases: tuple[Case | Request[Case], ...], **other: Any) -> Trial:
         """A trial of other cases, which have guards and models of their own, in the same situation."""
-        settings = {name: getattr(self, name) for name in Trial.settings()}
+        settings = {name: getattr(self, name) for name in Trial.settings()} | {"shard_people": self.people_a_shard}
         return Trial(**{**settings, "controller": cases, "guard": None, "model": None, **other})
 
     @property
@@ -294,7 +284,11 @@ class Trial(FedSituation):
     @property
     def people_a_shard(self) -> int:
         """Number of people that are computed and written together."""
-        return self.shard_people or _SHARD_PATIENT_DAYS
+        if self.shard_people is not None:
+            return self.shard_people
+        slow = any(case.controller.slow for case in self.cases)
+        traced = self.people if self.traces == "all" else 0
+        return default_shard_people(self.people, self.horizon_min, traced=traced, slow=slow)
 
     @property
     def shards(self) -> int:
@@ -315,7 +309,7 @@ class Trial(FedSituation):
         return person < self.first_person + traced
 
 
-def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow: bool = False) -> int:
+def default_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow: bool = False) -> int:
     """Default size of the shards, a power of two.
 
     A shard is what is lost when a run is killed, and what a worker does at a time: at most some 16 000 patient-days, or
@@ -334,6 +328,20 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow
     return max(least, 1 << round(math.log2(max(1.0, wanted))))
 
 
+def _population_for(patient: PatientComponent, population: object, seed: int) -> Population:
+    """Population of a trial: that of the one person of its patient, the one that is given, or the default one."""
+    from glucoloop.patients.population import Population
+
+    if patient.person is None or isinstance(population, Population):
+        return population_of(population, patient.display_name)
+    if population is not None:
+        raise Refusal(
+            f"the patient is one person, {patient.person!r}, and a population is given too; leave one out, or name "
+            "the person of that population, like person=people.csv:anna"
+        )
+    return typing.cast(Population, one_person_of(patient, seed))
+
+
 def population_of(given: object, patient: str) -> Population:
     """Population of a patient: the default one, one by its name or from a file, or a table."""
     from glucoloop.patients.population import Population, population_names
@@ -342,7 +350,7 @@ def population_of(given: object, patient: str) -> Population:
     if isinstance(given, Population):
         return given
     if given is None:
-        return named_population(patient_entry(patient).usual_population, patient)
+        return named_population(patient_entry(patient).default_population, patient)
     if isinstance(given, Mapping):
         return read_population(given, patient)
     if isinstance(given, str):

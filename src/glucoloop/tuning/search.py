@@ -26,8 +26,8 @@ from glucoloop.metrics import summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import Integrator
-from glucoloop.situations.case import Case, usual_case
-from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.situations.case import Case, default_case
+from glucoloop.situations.situation import Situation, default_situation
 from glucoloop.tuning.grid import parse_numbers, tuning_grid
 from glucoloop.tuning.oscillation import oscillation
 from glucoloop.tuning.surface import TuningSurface
@@ -44,7 +44,7 @@ def kind_of_tuning(controller: str) -> type[MPCTuning]:
     return StateTuning if "reference_filter" in entry.settings() else MPCTuning
 
 
-def usual_filters(controller: str, tuning: Mapping[str, Value]) -> str | None:
+def default_filters(controller: str, tuning: Mapping[str, Value]) -> str | None:
     """Range of reference filters that a grid tries unless another one is given; None without such a setting."""
     if "reference_filter" not in tuning:
         return None
@@ -260,16 +260,16 @@ def _in_blocks(
     return together
 
 
-def usual_tuning(situation: Situation, controller: str) -> MPCTuning:
+def default_tuning(situation: Situation, controller: str) -> MPCTuning:
     """Tuning of a controller that is usual in a situation; for the patient of 1999 it is the printed one."""
     kind = kind_of_tuning(controller)
-    settings: Mapping[str, Any] = usual_case(controller, situation).tuning
+    settings: Mapping[str, Any] = default_case(controller, situation).tuning
     return kind(**{field.name: settings[field.name] for field in dataclasses.fields(kind)})
 
 
 def printed_tuning(operating_point: str, controller: str) -> MPCTuning:
     """Tuning that the paper prints for one of its controllers, without noise."""
-    return usual_tuning(usual_situation(operating_point=operating_point), controller)
+    return default_tuning(default_situation(operating_point=operating_point), controller)
 
 
 def paper_tuning_surface(
@@ -281,10 +281,10 @@ def paper_tuning_surface(
     oscillation. In these loops the sum keeps falling with more moves and a faster reference, up to where the loop
     oscillates.
     """
-    situation = usual_situation(operating_point=operating_point)
-    printed = usual_tuning(situation, controller)
-    case = usual_case(controller, situation)
-    filters = usual_filters(controller, case.tuning)
+    situation = default_situation(operating_point=operating_point)
+    printed = default_tuning(situation, controller)
+    case = default_case(controller, situation)
+    filters = default_filters(controller, case.tuning)
     grid = tuning_grid(
         range(1, 5),
         range(1, 15),

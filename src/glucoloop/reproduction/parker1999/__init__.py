@@ -6,6 +6,7 @@ import functools
 from typing import Annotated, ClassVar, Final, Literal
 
 from glucoloop.component.base import Component
+from glucoloop.component.request import Request
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import Option
@@ -45,7 +46,7 @@ class Reproduction(Component):
         tuple[str, ...], _part("Only this figure, 2 to 6; repeat it for more.", metavar="N", default="all")
     ] = ()
     controller: Annotated[
-        tuple[Case, ...],
+        tuple[Request[Case], ...],
         _part(
             "A controller of your own, like my_module:MyController, in the situations of Tables I and II beside the "
             "paper's; repeat it for more."

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import sensor_of, surroundings_of
+from glucoloop.component.request import Request
 from glucoloop.control import Controller
 from glucoloop.identification import Identification, Record, Validation, best_pole, laguerre_functions
 from glucoloop.meals import Scenario
@@ -26,8 +27,8 @@ from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.reproduction.parker1999 import PAPER_CONTROLLERS
 from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import Trace, fit_step, identify, validate_on
-from glucoloop.situations.case import Case, usual_case
-from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.situations.case import Case, completed_case, default_case
+from glucoloop.situations.situation import Situation, default_situation
 from glucoloop.tuning.search import paper_tuning_surface, stack
 from glucoloop.tuning.surface import TuningSurface
 
@@ -160,11 +161,11 @@ def _study_model(
 
 
 def _noise_free_runs(
-    situation: Situation, noise_free: Identification, own: Mapping[str, Case]
+    situation: Situation, noise_free: Identification, own: Mapping[str, Request[Case]]
 ) -> dict[str, _SeededRuns]:
     results = {}
-    cases = {name: usual_case(name, situation) for name in PAPER_CONTROLLERS}
-    for name, case in {**cases, **{label: case.completed_in(situation) for label, case in own.items()}}.items():
+    cases = {name: default_case(name, situation) for name in PAPER_CONTROLLERS}
+    for name, case in {**cases, **{label: completed_case(case, situation) for label, case in own.items()}}.items():
         controller = controller_of(situation, case, model=noise_free.model)
         trace = close_loop(situation, controller, Scenario())
         results[name] = _SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
@@ -178,7 +179,7 @@ def study(
     seeds: int,
     seed: int,
     progress: Progress,
-    own: Mapping[str, Case] | None = None,
+    own: Mapping[str, Request[Case]] | None = None,
 ) -> PointResults:
     """Carry out experiments at an operating point, noisy ones in `seeds` runs, whose seeds are derived from `seed`.
 
@@ -187,7 +188,7 @@ def study(
     `progress` is called with the name of each step that is done.
     """
     noisy = {run for run in experiments if isinstance(run, tuple)}
-    situation = usual_situation(operating_point=operating_point)
+    situation = default_situation(operating_point=operating_point)
     person = cast(SemilinearPatient, situation.nominal)
     # Records and loops draw from different keys.
     record_keys, loop_keys = (jax.random.split(key, seeds) for key in jax.random.split(jax.random.key(seed)))
@@ -202,7 +203,7 @@ def study(
         return identify(person)
 
     own = own or {}
-    modelled = {label for label, case in own.items() if case.controller.uses_model}
+    modelled = {label for label, case in own.items() if case.value("controller").component.uses_model}
     identified = records(0) if "model" in experiments or any(name == "mpc" or modelled for name, _ in noisy) else []
     model = None
     if "model" in experiments:
@@ -219,7 +220,7 @@ def study(
         late = _noisy(situation, minutes)
         for name, time in sorted(run for run in noisy if _dead_time_min(run) == minutes):
             compensated = time.endswith("M")
-            case = dataclasses.replace(usual_case(name, late), known_dead_time=compensated)
+            case = dataclasses.replace(default_case(name, late), known_dead_time=compensated)
             if name == "mpc-se":
                 runs[name, time] = _noisy_loops(late, controller_of(late, case), loop_keys)
                 continue
@@ -229,7 +230,7 @@ def study(
                 anew = [controller_of(late, case, model=one.model, model_is_late=True) for one in records(minutes)]
                 identified_anew[time] = _noisy_loops(late, anew, loop_keys)
         for label, case in own.items():
-            complete = case.completed_in(late)
+            complete = completed_case(case, late)
             models = [one.model for one in identified] if label in modelled else [None]
             controllers = [controller_of(late, complete, model=model) for model in models]
             several = controllers if label in modelled else controllers[0]

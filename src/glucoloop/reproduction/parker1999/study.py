@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 import glucoloop
+from glucoloop.component.request import Request
 from glucoloop.patients import OPERATING_POINTS
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import plot, plot_identification, plot_validation
@@ -41,8 +42,7 @@ from glucoloop.reproduction.parker1999.experiments import (
     noisy_runs,
     study,
 )
-from glucoloop.situations.case import Case
-from glucoloop.situations.situation import usual_situation
+from glucoloop.situations.case import Case, label_of
 from glucoloop.storage.results import Results
 from glucoloop.tuning.search import printed_tuning
 
@@ -137,12 +137,11 @@ def results_of(config: Reproduction, progress: Progress) -> Results:
     )
 
 
-def _own_cases(config: Reproduction) -> dict[str, Case]:
+def _own_cases(config: Reproduction) -> dict[str, Request[Case]]:
     """Controllers that the paper does not have, by label."""
-    situation = usual_situation()
-    cases: dict[str, Case] = {}
+    cases: dict[str, Request[Case]] = {}
     for case in config.controller:
-        label = case.completed_in(situation).label
+        label = label_of(case)
         if label in PAPER_CONTROLLERS:
             raise Refusal(
                 f"{label} is one of the paper's own controllers, which are in its tables already; give it other "

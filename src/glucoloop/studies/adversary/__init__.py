@@ -10,6 +10,7 @@ import functools
 from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.effects import READINGS, Need
+from glucoloop.component.request import Request
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case, cases_of
@@ -35,7 +36,7 @@ class Adversary(GuardedTrial):
     people: int = 1000
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    controller: tuple[Case, ...] = cases_of(*PAPER_CONTROLLERS)
+    controller: tuple[Request[Case], ...] = cases_of(*PAPER_CONTROLLERS)
     guards: Guards = "with"
     errors_pct: Annotated[
         tuple[float, ...],

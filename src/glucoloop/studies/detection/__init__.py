@@ -7,7 +7,7 @@ import functools
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
-from glucoloop.component.grammar import component_text
+from glucoloop.component.request import Request, by_default, completed, request_of
 from glucoloop.control.catalogue import CONTROLLERS, ESTIMATING
 from glucoloop.control.part import ControllerComponent
 from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorComponent
@@ -59,8 +59,8 @@ class Detection(Trial):
     meals: tuple[str, ...] = ("55g@5h", "55g@14.5h")
     meal_size_spread_pct: float = 80.0
     meal_time_spread_min: float = 90.0
-    sensor: tuple[SensorComponent, ...] = (WhiteNoise.partial({"variance": 1.45}),)
-    controller: tuple[Case, ...] = cases_of(ESTIMATING)
+    sensor: tuple[SensorComponent, ...] = (by_default(WhiteNoise, variance=1.45),)
+    controller: tuple[Request[Case], ...] = cases_of(ESTIMATING)
     days: Annotated[
         int | None,
         Option(
@@ -74,13 +74,13 @@ class Detection(Trial):
     estimators: Annotated[
         tuple[EstimatorComponent, ...],
         _estimators("Estimator with its settings, like 'moving-horizon, fast_meals=0'; repeat it.", flag="--estimator"),
-    ] = tuple(part.partial({}) for part in ESTIMATORS.values())
+    ] = tuple(map(by_default, ESTIMATORS.values()))
     threshold: Annotated[
         float,
         _estimators("Probability of a meal above which it counts as detected.", metavar="P", above=0.0, below=1.0),
     ] = 0.5
     estimates_by: Annotated[
-        ControllerComponent | None,
+        Request[ControllerComponent] | None,
         _estimators(
             f"Settings of the estimators where the controller has none, like '{ESTIMATING}, meals_per_h=0.1'.",
             default="those of the controller, or the default ones",
@@ -98,7 +98,7 @@ class Detection(Trial):
                 f"the controller {ESTIMATING} is tried with each of the estimators; leave its "
                 "estimator out, and name them by --estimator"
             )
-        if self.estimates_by is not None and self.estimates_by.name != ESTIMATING:
+        if self.estimates_by is not None and self.estimates_by.component.name != ESTIMATING:
             raise Refusal(f"--estimates-by is {self.estimates_by.display_name}; give settings of {ESTIMATING}")
         if self.people * self.number_of_days > _MAX_RUNS:
             raise Refusal(
@@ -109,7 +109,7 @@ class Detection(Trial):
     @functools.cached_property
     def tried(self) -> dict[str, EstimatorComponent]:
         """The estimators by their texts."""
-        return {component_text(part.tree()): part for part in self.estimators}
+        return {part.request.text: part for part in self.estimators}
 
     def uses(self) -> frozenset[Need]:
         """Needs that the trial meets, where estimators see readings and may know the time of day."""
@@ -123,9 +123,10 @@ class Detection(Trial):
     @functools.cached_property
     def estimating(self) -> ControllerComponent:
         """The controller to which the estimators belong, with all settings."""
-        usual = self.case.controller if self.case.controller.name == ESTIMATING else CONTROLLERS[ESTIMATING].partial({})
-        chosen = usual if self.estimates_by is None else self.estimates_by
-        return chosen.completed(self.patient.usual_of(ESTIMATING), noisy=self.noisy)
+        of_case = request_of(self.case.controller)
+        default = of_case if of_case.component.name == ESTIMATING else Request(CONTROLLERS[ESTIMATING])
+        defaults = self.patient.controller_defaults(ESTIMATING)
+        return completed(self.estimates_by or default, defaults, noisy=self.noisy)
 
     @functools.cached_property
     def trial(self) -> Trial:

@@ -24,13 +24,14 @@ from glucoloop._pytree import pytree
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import surroundings_of
+from glucoloop.component.request import Request
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.meals.plan import draw_meals
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.situations.case import Case
+from glucoloop.situations.case import Case, completed_case
 from glucoloop.studies.detection import Detection
 from glucoloop.trials.blocks import in_blocks
 from glucoloop.trials.engine import fold_of, loop_of, people_of
@@ -161,7 +162,7 @@ def _with_estimates(
     trial, t_min = detection.trial, jnp.asarray(detection.trial.grid.t_min)
     known, estimating = trial.cases[0].known_dead_time, detection.estimating
     controller = dataclasses.replace(typing.cast(Any, estimating), estimator=detection.tried[name])
-    case = Case(label=name, controller=controller, known_dead_time=known).completed_in(trial)
+    case = completed_case(Request(Case, {"label": name, "controller": controller, "known_dead_time": known}), trial)
     controller, late = controller_of(trial, case), trial.dead_time_samples if known else 0
 
     def estimated(days: _Days) -> _Days:

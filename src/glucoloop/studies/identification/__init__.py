@@ -8,11 +8,12 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.component.grammar import Tree
-from glucoloop.component.setting import About, Default
+from glucoloop.component.request import Request, completed, request_of
+from glucoloop.component.setting import About
 from glucoloop.models.settings import LAGUERRE_FUNCTIONS, LAGUERRE_POLE, MEMORY
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
-from glucoloop.situations.situation import Situation
+from glucoloop.situations.situation import Situation, alone_at_rest, one_person_of
 from glucoloop.studies.study import PlainStudy
 from glucoloop.unit_guess import INSULIN_RATE, RATE_CHANGE
 
@@ -91,9 +92,10 @@ class ModelRequest(Situation):
     best_pole: Annotated[bool, Option("Search for the pole that fits best.", panel="Model")] = False
     laguerre_functions: Annotated[int | None, _of_model(LAGUERRE_FUNCTIONS)] = None
 
-    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The request with the defaults of the patient; what suits a record is chosen by the record."""
-        given = self.explicit
+    @classmethod
+    def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Defaults of the patient; what suits a record is chosen by the record."""
+        given = request.explicit
         unused, what = (
             (_EXPERIMENT, "is about the simulated patient, but there is a record; leave one out")
             if "data" in given
@@ -107,15 +109,14 @@ class ModelRequest(Situation):
         if given.get("best_pole") and given.get("laguerre_functions") == 0:
             raise Refusal("0 Laguerre functions have no pole to search for; give more, or leave out the search")
         if "data" not in given:
-            pulse = self.patient.pulse_mU_min
-            if self.patient.person is not None:  # insulin cannot be taken back from one who needs less
-                pulse = min(pulse, float(self.nominal.basal_insulin_mU_min))
-            of_patient = {
-                "amplitude_mU_min": pulse,
-                **self.patient.identification(self.sample_time_min),
-            }
-            usual = {**(usual or {}), **{name: Default(value) for name, value in of_patient.items()}}
-        return super().completed(usual, noisy=noisy)
+            patient = completed(request_of(request.value("patient")))
+            pulse = patient.pulse_mU_min
+            person = one_person_of(patient, request.value("seed"))
+            if person is not None:  # insulin cannot be taken back from one who needs less
+                pulse = min(pulse, float(alone_at_rest(patient, person)[0].basal_insulin_mU_min))
+            identification = patient.identification(request.value("sample_time_min"))
+            defaults = {**defaults, "amplitude_mU_min": pulse, **identification}
+        return super().defaults_of(request, defaults)
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings, or all that are used."""

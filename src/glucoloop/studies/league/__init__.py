@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.base import Component
-from glucoloop.component.grammar import Tree, component_text
+from glucoloop.component.grammar import Tree
+from glucoloop.component.request import Request, request_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.patients.settings import PATIENTS, PatientComponent
+from glucoloop.patients.catalogue import PATIENTS
+from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS, SensorComponent
-from glucoloop.situations.case import Case, cases_of
+from glucoloop.situations.case import Case, cases_of, label_of
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent
 from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
@@ -39,21 +41,21 @@ class League(Component):
         _people("Number of people of each family, or all of one that has fewer.", at_least=2, at_most=MAX_PEOPLE),
     ] = 100
     families: Annotated[
-        tuple[PatientComponent, ...],
+        tuple[Request[PatientComponent], ...],
         _people(
             "Patient, around whom the people of the default population vary; repeat it for more.", flag="--patient"
         ),
-    ] = tuple(part.partial({}) for part in PATIENTS.values())
+    ] = tuple(map(Request, PATIENTS.values()))
     scenarios: Annotated[
         tuple[ScenarioComponent, ...],
         Option("Scenario, like 'week, days=14'; repeat it for more.", panel=PATIENT_PANEL, flag="--scenario"),
-    ] = tuple(map(SCENARIOS.parse, ("plain-day", "unkind-day", "week")))
+    ] = tuple(map(SCENARIOS.by_default, ("plain-day", "unkind-day", "week")))
     sensors: Annotated[
         tuple[SensorComponent, ...],
         Option("Sensor that is tried alone; repeat it for more.", panel=SENSOR_PANEL, flag="--sensor"),
-    ] = tuple(map(SENSORS.parse, ("dexcom-g6", "white-noise, variance=1.45")))
+    ] = tuple(map(SENSORS.by_default, ("dexcom-g6", "white-noise, variance=1.45")))
     controllers: Annotated[
-        tuple[Case, ...],
+        tuple[Request[Case], ...],
         _controller(
             "Controller with its settings, like 'mpc-se, move_horizon=2, label=careful'; repeat it for more. Slow ones "
             "take part only if they are named.",
@@ -61,7 +63,8 @@ class League(Component):
         ),
     ] = cases_of(*(name for name, part in CONTROLLERS.items() if not part.slow))
     reference: Annotated[
-        Case, _controller("Therapy with which each person is compared under the controllers; it takes part too.")
+        Request[Case],
+        _controller("Therapy with which each person is compared under the controllers; it takes part too."),
     ] = cases_of("basal-bolus")[0]
     worse_by_pct: Annotated[
         float,
@@ -88,14 +91,11 @@ class League(Component):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("controllers", "scenarios", "sensors"):
-            object.__setattr__(self, name, tuple(part.completed() for part in getattr(self, name)))
-        object.__setattr__(self, "reference", self.reference.completed())
         for flag, names in (
             ("--patient", self.family_names),
             ("--scenario", texts(self.scenarios)),
             ("--sensor", texts(self.sensors)),
-            ("--controller", tuple(case.label for case in self.controllers)),
+            ("--controller", tuple(map(label_of, self.controllers))),
         ):
             if not names:
                 raise Refusal(f"{flag} is none; a league needs at least one, leave {flag} out for the default ones")
@@ -114,10 +114,15 @@ class League(Component):
         return texts(self.families)
 
     @property
-    def cases(self) -> tuple[Case, ...]:
+    def cases(self) -> tuple[Request[Case], ...]:
         """The controllers, the reference among them."""
-        known = any(case.label == self.reference.label for case in self.controllers)
+        known = self.reference_label in map(label_of, self.controllers)
         return self.controllers if known else (*self.controllers, self.reference)
+
+    @property
+    def reference_label(self) -> str:
+        """Label of the reference."""
+        return label_of(self.reference)
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -125,16 +130,16 @@ class League(Component):
         return () if "controllers" in self.explicit else tuple(name for name, part in CONTROLLERS.items() if part.slow)
 
     def tree(self, *, whole: bool = False) -> Tree:
-        """Given settings as plain values; defaults of a controller depend on the cell, and are not among them."""
+        """Settings as plain values; defaults of a controller depend on the cell, and are not among them."""
         results = super().tree(whole=whole)
         if whole:
             results |= {"controllers": [case.tree() for case in self.controllers], "reference": self.reference.tree()}
         return results
 
 
-def texts(parts: Iterable[Component]) -> tuple[str, ...]:
-    """Text of each part, with what was given of it."""
-    return tuple(component_text(part.tree()) for part in parts)
+def texts(components: Iterable[Component | Request[Any]]) -> tuple[str, ...]:
+    """Text of each component, with what is explicit of it."""
+    return tuple(request_of(component).text for component in components)
 
 
 LEAGUE: Final = SearchStudy(

@@ -12,6 +12,7 @@ from glucoloop.reporting.columns import Column, FittingTable, Row, headings, ter
 from glucoloop.reporting.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
 from glucoloop.reporting.print_figure import figure_files
 from glucoloop.reporting.template import render
+from glucoloop.situations.case import label_of
 from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach, texts
 from glucoloop.studies.league.numbers import ALL, COLUMNS, signed
@@ -48,7 +49,7 @@ def tables(config: League, results: Results) -> Iterator[FittingTable]:
         sections,
         columns_of(config),
         caption=f"Over all sensors and scenarios. In bold: on target (Battelino et al., 2019). Harmed: people below 54 "
-        f"or 70 mg/dl for over {config.worse_by_pct:g} % of the time longer than under {config.reference.label}. Less "
+        f"or 70 mg/dl for over {config.worse_by_pct:g} % of the time longer than under {config.reference_label}. Less "
         "ref.: the mean difference from it. GRI: glycemia risk index, 0 is best.",
     )
     if results.plain["nearest"]:
@@ -81,7 +82,7 @@ def _harms(config: League, results: Results) -> Iterator[str]:
             f"{row['controller']}: {which} is {row['family']} ({_cell_name(row)}). Of "
             f"{how_many(row['people'], 'person', 'people')}, {_harmed(row['harmed_below_54'])} below 54 mg/dl, and "
             f"{_harmed(row['harmed_below_70'])} below 70 mg/dl, for over {config.worse_by_pct:g} % of the time longer "
-            f"than under {config.reference.label}.{_below_54(row) if row['harmed_below_54'] else ''}"
+            f"than under {config.reference_label}.{_below_54(row) if row['harmed_below_54'] else ''}"
         )
 
 
@@ -197,8 +198,8 @@ def page(config: League, results: Results) -> str:
         "People": f"{config.people} of each family, or all of one that has fewer",
         "Scenarios": "; ".join(texts(config.scenarios)),
         "Sensors": "; ".join(texts(config.sensors)),
-        "Controllers": "; ".join(case.label for case in config.cases),
-        "Reference": config.reference.label,
+        "Controllers": "; ".join(map(label_of, config.cases)),
+        "Reference": config.reference_label,
         **(
             {"Best doses": f"of the first {config.bound_people} people in each scenario"} if config.bound_people else {}
         ),

@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.component.setting import Default
-from glucoloop.patients.settings import NOMINAL
+from glucoloop.component.request import Request, completed
+from glucoloop.patients.component import NOMINAL
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import label_of
 from glucoloop.situations.run import intravenous_boluses
 from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
@@ -102,10 +103,10 @@ def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[_
         family, of_sensor, of_scenario = texts((patient, sensor, scenario))
         trial, reason = None, ""
         try:
-            trial = Trial.partial(given).completed({"people": Default(people)})
+            trial = completed(Request(Trial, given), {"people": people})
         except Refusal as error:
             reason = str(error)
-        results.append(_Line(family, of_sensor, of_scenario, case.label, trial, reason))
+        results.append(_Line(family, of_sensor, of_scenario, label_of(case), trial, reason))
     return results
 
 
@@ -253,7 +254,7 @@ class _LeagueSearch:
         numbers = line_table(
             reach.beside(pl.concat([together, known]), best, len(config.scenarios)),
             pl.concat(shown),
-            config.reference.label,
+            config.reference_label,
             config.worse_by_pct,
             columns_of(config),
         )
@@ -262,7 +263,7 @@ class _LeagueSearch:
             "families": dict(_families(config)),
             "rows": numbers.to_dicts(),
             "rankings": [ranking(together, family, config.seed) for family in config.family_names],
-            "harms": harms(numbers.to_dicts(), config.reference.label),
+            "harms": harms(numbers.to_dicts(), config.reference_label),
             "nearest": reach.nearest(numbers.to_dicts()) if config.bound_people else [],
             "absent": [*_left_out(config), *_absent(table, people), *_without_best(plans)],
             "targets": {name: [bound for bound in bounds if np.isfinite(bound)] for name, bounds in TARGETS.items()},

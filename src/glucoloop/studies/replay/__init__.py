@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import ANNOUNCEMENTS
-from glucoloop.patients.settings import PatientComponent, patient_entry
+from glucoloop.component.request import Request, requested
+from glucoloop.patients.catalogue import patient_entry
+from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.option import Option
@@ -46,32 +49,35 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
         bool, _replay("Do not tell the controller of the meals of the record.", needs=(ANNOUNCEMENTS,))
     ] = False
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "announce_meals", not self.unannounced)
-        if self.twin is not None:
-            object.__setattr__(self, "patient", self._person())
-        super().__post_init__()
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings with the twin as the patient, to whose controllers meals are announced unless they are not."""
+        twin = values["twin"]
+        patient = values["patient"] if twin is None else _person(twin)
+        return super().resolved({**values, "announce_meals": not values["unannounced"], "patient": patient})
 
-    def _person(self) -> PatientComponent:
-        """The twin as the one person of its family."""
-        family = self.kept().get("patient")
-        if not isinstance(family, str):
-            raise Refusal(f"{self.twin} holds no twin; give the folder of `glucoloop twin`")
-        return patient_entry(family).partial({"person": f"{self.twin}/{_PERSON}"}, display_name=family)
 
-    def kept(self) -> dict[str, Any]:
-        """Plain values of the twin; Refusal where there are none."""
-        if self.twin is None:
-            raise Refusal("no twin is given; give the folder of `glucoloop twin`, like --twin twin")
-        from glucoloop.storage.files import read_text
+def _person(twin: str) -> Request[PatientComponent]:
+    """A twin as the one person of its family."""
+    family = twin_values(twin).get("patient")
+    if not isinstance(family, str):
+        raise Refusal(f"{twin} holds no twin; give the folder of `glucoloop twin`")
+    return requested(patient_entry(family), {"person": f"{twin}/{_PERSON}"}, alias=family)
 
-        place = Path(self.twin) / _SUMMARY
-        if not place.is_file():
-            raise Refusal(f"{self.twin} holds no {_SUMMARY}; give the folder of `glucoloop twin`")
-        try:
-            return checked(dict[str, Any], json_value(read_text(place, "a twin")))
-        except Refusal as error:
-            raise Refusal(f"{place} is damaged: {error}; find the twin again with `glucoloop twin`") from None
+
+def twin_values(twin: str | None) -> dict[str, Any]:
+    """Plain values of a twin from the folder that holds it; Refusal where there are none."""
+    from glucoloop.storage.files import read_text
+
+    if twin is None:
+        raise Refusal("no twin is given; give the folder of `glucoloop twin`, like --twin twin")
+    place = Path(twin) / _SUMMARY
+    if not place.is_file():
+        raise Refusal(f"{twin} holds no {_SUMMARY}; give the folder of `glucoloop twin`")
+    try:
+        return checked(dict[str, Any], json_value(read_text(place, "a twin")))
+    except Refusal as error:
+        raise Refusal(f"{place} is damaged: {error}; find the twin again with `glucoloop twin`") from None
 
 
 REPLAY: Final = PlainStudy(

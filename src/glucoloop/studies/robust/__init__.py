@@ -11,6 +11,7 @@ from glucoloop.component.effects import Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.number_text import number_of
 from glucoloop.component.ranges import Tuned, parse_range
+from glucoloop.component.request import Request, by_default
 from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
@@ -61,8 +62,8 @@ class Search(Trial):
 
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    sensor: tuple[SensorComponent, ...] = (WhiteNoise.partial({"variance": 1.45}),)
-    controller: tuple[Case, ...] = cases_of(SEARCHED)
+    sensor: tuple[SensorComponent, ...] = (by_default(WhiteNoise, variance=1.45),)
+    controller: tuple[Request[Case], ...] = cases_of(SEARCHED)
     ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
         None
     )
@@ -92,7 +93,7 @@ class Search(Trial):
     sampler: Annotated[
         SamplerComponent,
         _search("Sampler of the candidates: tpe, nsga2 or random, which needs no Optuna.", default=SAMPLERS.default),
-    ] = SAMPLERS[SAMPLERS.default].partial({})
+    ] = by_default(SAMPLERS[SAMPLERS.default])
     batch: Annotated[int, _search("Number of candidates that are proposed at a time.", at_least=1, at_most=4096)] = 64
     rounds: Annotated[int, _search("Number of rounds in all.", at_least=1, at_most=10_000)] = 4
     prefer: Annotated[
@@ -119,7 +120,7 @@ class Search(Trial):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the trial meets, by the reference controllers too."""
-        beside = (CONTROLLERS.find(name).partial({}).uses() for name in self.beside)
+        beside = (CONTROLLERS.find(name)().uses() for name in self.beside)
         return super().uses().union(*beside)
 
     def __post_init__(self) -> None:

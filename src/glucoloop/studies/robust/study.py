@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.component.request import Request, completed
 from glucoloop.component.setting import known_names
 from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.refusal import Refusal
@@ -116,11 +117,11 @@ def files_of(config: Search, results: Results) -> dict[str, bytes]:
 
 def _best(config: Search, tuning: Mapping[str, float]) -> Run:
     """The run of the nominal patient, in the same situation, with a tuning."""
-    controller = CONTROLLERS[SEARCHED].partial({**config.tuned.controller.explicit, **tuning})
-    case = Case.partial({**config.case.explicit, "controller": controller})
+    controller = Request(CONTROLLERS[SEARCHED], {**config.tuned.controller.explicit, **tuning})
+    case = Request(Case, {**config.case.explicit, "controller": controller})
     names = [name for name in config.explicit if name in Run.settings()]
     shared = {name: getattr(config, name) for name in dict.fromkeys([*names, "sensor", "meals", "duration_min"])}
-    return Run.partial({**shared, "controller": (case,)}).completed()
+    return completed(Request(Run, {**shared, "controller": (case,)}))
 
 
 _HEIGHT_MM: Final = 94.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.request import Request, by_default
 from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SensorComponent, WhiteNoise
@@ -55,8 +56,8 @@ class StressTest(GuardedTrial):
     people: int = 100
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    sensor: tuple[SensorComponent, ...] = (WhiteNoise.partial({"variance": 1.45}),)
-    controller: tuple[Case, ...] = cases_of(*PAPER_CONTROLLERS)
+    sensor: tuple[SensorComponent, ...] = (by_default(WhiteNoise, variance=1.45),)
+    controller: tuple[Request[Case], ...] = cases_of(*PAPER_CONTROLLERS)
     faults: Annotated[
         tuple[FaultComponent, ...],
         Option(
@@ -64,10 +65,9 @@ class StressTest(GuardedTrial):
             panel=SENSOR_PANEL,
             flag="--fault",
         ),
-    ] = tuple(map(FAULTS.parse, STANDARD_FAULTS))
+    ] = tuple(map(FAULTS.by_default, STANDARD_FAULTS))
 
     def __post_init__(self) -> None:
-        usual_shards = self.shard_people is None
         super().__post_init__()
         if not self.faults:
             raise Refusal("there is no fault to try; give one or more, like --fault 'missing, start_min=60'")
@@ -75,9 +75,12 @@ class StressTest(GuardedTrial):
         for text in texts:
             if texts.count(text) > 1:
                 raise Refusal(f"the fault {text!r} is given twice; leave one out")
-        if usual_shards:
-            # Slow controllers under many faults: so that not much is lost when a run is cut short.
-            object.__setattr__(self, "shard_people", min(self.people, self.shard_people or 0, _SHARD_PEOPLE))
+
+    @property
+    def people_a_shard(self) -> int:
+        """Number of people that are computed and written together; few, so that not much is lost by an interrupt."""
+        size = super().people_a_shard
+        return size if self.shard_people is not None else min(self.people, size, _SHARD_PEOPLE)
 
 
 STRESS: Final = TrialStudy(

@@ -13,7 +13,7 @@ import polars as pl
 
 from glucoloop.control import MPCTuning
 from glucoloop.models.settings import FileComponent
-from glucoloop.patients.settings import DEFAULT_PATIENT
+from glucoloop.patients.catalogue import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_table
@@ -27,7 +27,7 @@ from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_
 from glucoloop.studies.tuning import GridSearch
 from glucoloop.text import how_many
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.search import designer, kind_of_tuning, search, usual_tuning
+from glucoloop.tuning.search import default_tuning, designer, kind_of_tuning, search
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 MAX_ROWS: Final = 200
@@ -71,7 +71,7 @@ def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
     case = config.case
     name = case.controller.display_name
     kind_of_tuning(name)  # refuses one that cannot be tuned
-    usual, grid = usual_tuning(config, name), _grid_of(config)
+    usual, grid = default_tuning(config, name), _grid_of(config)
     grid = grid if usual in grid else [*grid, usual]
     model = model_for(config, case)
     design = designer(config, case, **model_arguments(model))

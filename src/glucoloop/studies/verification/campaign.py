@@ -27,6 +27,7 @@ import numpy.typing as npt
 from glucoloop.build.designs import controller_of, with_guard
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import Surroundings, put_around
+from glucoloop.component.request import Request, completed
 from glucoloop.component.setting import Value
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
@@ -36,16 +37,15 @@ from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, Episodes, Fa
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.metrics.promises import PROMISES, Caps, Promises
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS, patient_entry
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
-from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.table import REPLACED
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import Sensor, WhiteNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.situations.case import usual_case
+from glucoloop.situations.case import default_case
 from glucoloop.situations.population import person_of
 from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.verification import SAMPLE_MIN, Verification
@@ -83,7 +83,7 @@ def _populations_in_turn(patient: str = DEFAULT_PATIENT.name, seed: int = 0) -> 
 
     It is the nominal one where the patient has no other.
     """
-    part = PATIENTS.parse(patient)
+    part = PATIENTS.choose(patient)
     if part.person is not None:
         return [person_of(part.person, part.display_name, seed)]
     nominal, *others = populations_of(part.display_name).values()
@@ -192,7 +192,7 @@ class _RandomFaults:
     def _around(self, kind: str, inner: Any, person: int | None, limits: DoseLimits | None = None) -> Any:
         """A sensor or pump with one kind of fault around it, whose numbers are those of people."""
         entry = _entry(kind)
-        usual = put_around(inner, entry.partial(self.order.shared[kind]).completed(), SAMPLE_MIN, limits)
+        usual = put_around(inner, completed(Request(entry, self.order.shared[kind])), SAMPLE_MIN, limits)
         values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
         if entry.idle:
             values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
@@ -311,7 +311,7 @@ def trial_of(config: Verification, controller: str) -> Trial:
         "duration_min": _horizon_min(controller),
         "meals": (),
     }
-    return Trial.partial(given).completed()
+    return completed(Request(Trial, given))
 
 
 def catalogue_controller(
@@ -319,7 +319,7 @@ def catalogue_controller(
 ) -> Controller:
     """A controller as the catalogue has it, for a nominal patient and readings without noise."""
     situation = configured(Situation, patient=patient, sample_time_min=sample_time_min)
-    return controller_of(situation, usual_case(name, situation))
+    return controller_of(situation, default_case(name, situation))
 
 
 def circumstances_of(controller: str, seed: int, person: int, patient: str = DEFAULT_PATIENT.name) -> dict[str, Any]:
@@ -372,7 +372,7 @@ class _WatchedLoops:
             controller,
             Promises(
                 limits=trial.limits,
-                sound=patient_model(trial.patient.display_name).sound,
+                sound=patient_entry(trial.patient.display_name).sound,
                 caps=None if guard is None else Caps(settings=guard, limits=trial.limits),
             ),
             _draw_people(trial.seed, np.arange(2), trial.patient.text),

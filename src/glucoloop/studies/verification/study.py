@@ -12,15 +12,14 @@ from typing import Any, Final
 
 import polars as pl
 
-from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.metrics.promises import OF_CONTROLLER, PROMISES
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.reporting.descriptions import engine_notes
 from glucoloop.reporting.periods import moment_text
 from glucoloop.schema.values import checked, json_value
-from glucoloop.situations.case import Case
+from glucoloop.situations.case import cases_of
 from glucoloop.situations.run import ControlledSituation, intravenous_boluses
 from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
@@ -87,8 +86,8 @@ def notes(config: Verification) -> tuple[str, ...]:
     """Sentence on intravenous boluses, where controllers were chosen."""
     if config.nonsense is not None or not config.controllers:
         return ()
-    chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in config.controllers)
-    return intravenous_boluses(ControlledSituation(patient=PATIENTS.parse(config.patient), controller=chosen))
+    chosen = cases_of(*config.controllers)
+    return intravenous_boluses(ControlledSituation(patient=PATIENTS.choose(config.patient), controller=chosen))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,339 @@
+"""Kalman filter with insulin, carbohydrate, what nobody entered, a slow drift and the time of day.
+
+Glucose is the sum of a daily curve (a level and four harmonics), the responses to insulin and carbohydrate, and an
+unexplained part that the filter follows::
+
+    I1' = -I1 / tau_I,  I2' = (I1 - I2) / tau_I,  g_I' = I2 / tau_I - g_I / tau_G     each dose is added to I1
+    C1' = -C1 / tau_C,  C2' = (C1 - C2) / tau_C,  g_C' = C2 / tau_C - g_C / tau_G     each meal is added to C1
+    a1' = -a1 / tau_A + w_1,  a2' = (a1 - a2) / tau_A,  g' = a2 - g / tau_G + w_2     unexplained appearance
+    d' = -d / tau_D + w_3                                                            slow drift
+    reading = b_0 + sum b_k wave_k(time of day) - S g_I + R g_C + g + d + v
+
+with ``g_I`` and ``g_C`` in units of the largest response to one unit, so that `S` is the largest fall by 1 U and `R`
+the largest rise by 1 g. Everything but the eight time constants and noises is linear, so that for each choice of these
+the rest is found by least squares with a prior. These eight maximise the predictive likelihood of readings 30, 60, 120,
+180 and 240 min ahead with a normal prior on their logarithms; the number of independent forecasts is taken as eight a
+day. In the likelihood the doses to come are those of `UsualDay.future`, so that doses of automation, which follow
+glucose, do not tell of it.
+
+The prior of the eight parameters is the median of the fits to the first eight people, in the order of their files, of
+AZT1D (doi:10.17632/gk9m674wcx.1). Insulin is held near a fall by 1 U of 1000 mg/dl over the total daily dose, since
+forecasts alone find too little effect of insulin where meals are not entered.
+
+References
+----------
+A. C. Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, Cambridge, 1989, chapters 3 and 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final, NamedTuple
+
+import numpy as np
+
+from glucoloop._lazy_jax import scipy
+from glucoloop.component.setting import About
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, Places, Values
+from glucoloop.forecasts.linear_filter import (
+    LinearSystem,
+    discretised,
+    exact_gains,
+    filtered,
+    recursion,
+    steady_gains,
+)
+from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, origins_of
+from glucoloop.forecasts.usual_day import DosesAndMeals, UsualDay, usual_day
+
+_HORIZONS_MIN: Final = (30, 60, 120, 180, 240)
+_TYPICAL_ERROR_MG_DL: Final = np.array([20.0, 30.0, 38.0, 40.0, 41.0])
+"""Errors at these horizons by which the forecasts of least squares are weighted."""
+_FORECASTS_PER_DAY: Final = 8.0
+"""Number of independent forecasts of a day that the likelihood counts for each horizon."""
+_HARMONICS: Final = 4
+_WARM_UP: Final = 144
+"""Samples, 12 h, after which what was before the record no longer counts in the likelihood."""
+_MIN_DAILY_DOSE_U: Final = 5.0
+"""Daily dose below which the prior of the effect of insulin no longer grows."""
+_LEVEL_MG_DL: Final = (150.0, 100.0)
+_WAVE_SD_MG_DL: Final = 20.0
+"""Standard deviation of the first harmonic before the record; of the others it falls with their order."""
+_RISE_MG_DL_G: Final = (3.0, 1.5)
+"""Largest rise by 1 g of carbohydrate before the record: mean and standard deviation."""
+_ROUNDING_VARIANCE: Final = 1.0 / 12.0
+"""Variance of the rounding of readings to whole mg/dl [(mg/dl)²], below which no mean square is told apart."""
+_STEP: Final = 1e-3
+"""Step of the finite differences of the logarithms of parameters."""
+
+
+class _Prior(NamedTuple):
+    """Median of a parameter and standard deviation of its logarithm."""
+
+    median: float
+    log_sd: float
+
+
+_PRIORS: Final = {
+    "glucose_min": _Prior(120.0, 0.5),
+    "insulin_min": _Prior(53.0, 0.3),
+    "carbs_min": _Prior(27.0, 0.4),
+    "appearance_min": _Prior(8.5, 0.5),
+    "glucose_noise": _Prior(0.54, 0.7),
+    "drift_sd": _Prior(18.0, 0.7),
+    "drift_min": _Prior(850.0, 0.7),
+    "reading_sd": _Prior(2.5, 0.5),
+}
+"""Time constants ``tau_G, tau_I, tau_C, tau_A, tau_D`` [min]; standard deviations of the drift, of `w_2` over a square
+root of a minute, and of `v`, in units of that of `w_1` [mg/dl]."""
+_LOG_MEDIAN: Final = np.log([prior.median for prior in _PRIORS.values()])
+_LOG_SD: Final = np.array([prior.log_sd for prior in _PRIORS.values()])
+
+
+def unexplained_system(parameters: Values) -> LinearSystem:
+    """Unexplained part of glucose, of parameters ``(systems, 8)``: the states ``g, a1, a2, d``."""
+    by_name = dict(zip(_PRIORS, parameters.T, strict=True))
+    rate, density = np.zeros((2, parameters.shape[0], 4, 4))
+    rate[:, 0, 0], rate[:, 0, 2] = -1.0 / by_name["glucose_min"], 1.0
+    appearance = 1.0 / by_name["appearance_min"]
+    rate[:, 1, 1], rate[:, 2, 1], rate[:, 2, 2] = -appearance, appearance, -appearance
+    rate[:, 3, 3] = -1.0 / by_name["drift_min"]
+    density[:, 0, 0], density[:, 1, 1] = by_name["glucose_noise"] ** 2, 1.0
+    density[:, 3, 3] = 2.0 * by_name["drift_sd"] ** 2 / by_name["drift_min"]
+    transition, noise = discretised(rate, density, SAMPLE_MIN)
+    return LinearSystem(transition, noise, np.array([1.0, 0.0, 0.0, 1.0]), by_name["reading_sd"] ** 2)
+
+
+class _Responses(NamedTuple):
+    """Responses to insulin and to carbohydrate, for each of several choices of parameters."""
+
+    transition: Values
+    """Transitions ``(systems, 2, 3, 3)`` of the states ``I1, I2, g_I`` and ``C1, C2, g_C`` over a sample."""
+    first_state: Values
+    """Value ``(systems, 2)`` of the first state by one unit, with which the largest response is 1."""
+
+    @classmethod
+    def of(cls, parameters: Values) -> _Responses:
+        by_name = dict(zip(_PRIORS, parameters.T, strict=True))
+        rate = np.zeros((parameters.shape[0], 2, 3, 3))
+        for kind, name in enumerate(("insulin_min", "carbs_min")):
+            passing = 1.0 / by_name[name]
+            rate[:, kind, 0, 0], rate[:, kind, 1, 1] = -passing, -passing
+            rate[:, kind, 1, 0], rate[:, kind, 2, 1] = passing, passing
+            rate[:, kind, 2, 2] = -1.0 / by_name["glucose_min"]
+        transition = scipy.linalg.expm(SAMPLE_MIN * rate)
+        state = np.zeros((*transition.shape[:2], 3, 1))
+        state[..., 0, 0] = 1.0
+        largest = np.zeros(transition.shape[:2])
+        for _ in range(SAMPLES_PER_DAY // 2):
+            state = transition @ state
+            largest = np.maximum(largest, state[..., 2, 0])
+        return cls(transition, 1.0 / largest)
+
+    def states(self, inputs: DosesAndMeals) -> Values:
+        """States after the doses of each sample, ``(samples, systems, 2, 3)``."""
+        amounts = np.stack(inputs, axis=-1)[:, None, :]
+        drives = np.zeros((amounts.shape[0], *self.transition.shape[:3], 1))
+        drives[..., 0, 0] = amounts * self.first_state
+        return recursion(self.transition[None], drives)[1:, ..., 0]
+
+
+def daily_waves(clock: Places) -> Values:
+    """A constant and four harmonics of the time of day, ``(samples, 9)``."""
+    phase = 2.0 * np.pi * clock / SAMPLES_PER_DAY
+    waves = [wave(order * phase) for order in range(1, _HARMONICS + 1) for wave in (np.sin, np.cos)]
+    return np.stack([np.ones(clock.size), *waves], axis=-1)
+
+
+class _Explained(NamedTuple):
+    """Regressors of the explained part of the readings: responses to insulin and carbohydrate, and daily waves."""
+
+    responses: _Responses
+    states: Values
+    """States ``(samples, systems, 2, 3)`` by the doses of the record."""
+    future_states: Values
+    """States by the doses that a forecast takes."""
+    waves: Values
+
+    @classmethod
+    def of(cls, parameters: Values, record: GriddedRecord, future: DosesAndMeals) -> _Explained:
+        responses = _Responses.of(parameters)
+        history = DosesAndMeals(record.insulin_U, record.carbs_g)
+        return cls(responses, responses.states(history), responses.states(future), daily_waves(record.clock))
+
+    def at_samples(self) -> Values:
+        """Regressors at each sample, ``(samples, systems, 11)``."""
+        return self._with_waves(self.states[..., 2], slice(None))
+
+    def ahead(self, origins: Places, horizon: int) -> Values:
+        """Regressors a horizon after each origin, ``(origins, systems, 11)``, without later doses of the record."""
+        power = np.linalg.matrix_power(self.responses.transition, horizon)[..., 2, :]
+        differing = self.states[origins] - self.future_states[origins]
+        response = self.future_states[origins + horizon][..., 2] + (power * differing).sum(axis=-1)
+        return self._with_waves(response, origins + horizon)
+
+    def _with_waves(self, response: Values, samples: Places | slice) -> Values:
+        waves = self.waves[samples]
+        return np.concatenate([response, np.broadcast_to(waves[:, None], (*response.shape[:2], waves.shape[1]))], -1)
+
+
+class _LinearPrior(NamedTuple):
+    """Mean and standard deviation of the coefficients ``-S, R, b`` before the record, ``(11,)`` each."""
+
+    mean: Values
+    sd: Values
+
+
+def _linear_prior(daily_U: float, rule: float, spread: float) -> _LinearPrior:
+    fall = rule / max(daily_U, _MIN_DAILY_DOSE_U)
+    waves_sd = np.repeat(_WAVE_SD_MG_DL / np.arange(1, _HARMONICS + 1), 2)
+    return _LinearPrior(
+        np.array([-fall, _RISE_MG_DL_G[0], _LEVEL_MG_DL[0], *np.zeros(waves_sd.size)]),
+        np.array([spread * fall, _RISE_MG_DL_G[1], _LEVEL_MG_DL[1], *waves_sd]),
+    )
+
+
+class _Likelihood:
+    """Negative logarithm of the likelihood of forecasts and of the prior, as a function of the logarithms."""
+
+    def __init__(self, training: GriddedRecord, prior: _LinearPrior) -> None:
+        self._training, self._prior = training, prior
+        self._future = usual_day(training).future(training, known=True)
+        self._readable = np.isfinite(training.reading_mg_dl)
+        self._readings = np.where(self._readable, training.reading_mg_dl, 0.0)
+        origins = origins_of(training, _WARM_UP)
+        self._cases = list[tuple[int, float, Places]]()
+        for horizon_min, typical in zip(_HORIZONS_MIN, _TYPICAL_ERROR_MG_DL, strict=True):
+            horizon = round(horizon_min / SAMPLE_MIN)
+            inside = origins[origins + horizon < self._readable.size]
+            inside = inside[self._readable[inside + horizon]]
+            if inside.size:
+                self._cases.append((horizon, typical, inside))
+
+    def errors(self, parameters: Values) -> list[Values]:
+        """Errors of forecasts of the readings, and of each regressor as if it was read, ``(origins, systems, 12)``."""
+        system = unexplained_system(parameters)
+        explained = _Explained.of(parameters, self._training, self._future)
+        known = explained.at_samples()
+        readings = np.broadcast_to(self._readings[:, None, None], (*known.shape[:2], 1))
+        gains = np.where(self._readable[:, None, None], steady_gains(system), 0.0)
+        states = filtered(system, gains, np.concatenate([readings, known], axis=-1))
+        results = []
+        for horizon, _, origins in self._cases:
+            power = system.readout @ np.linalg.matrix_power(system.transition, horizon)
+            of_filter = np.einsum("ks,oksc->okc", power, states[origins])
+            ahead = explained.ahead(origins, horizon)
+            results.append(np.concatenate([readings[origins + horizon], ahead], axis=-1) - of_filter)
+        return results
+
+    def coefficients(self, errors: list[Values]) -> Values:
+        """Most likely coefficients ``(11,)`` for the errors ``(origins, 12)`` of one system."""
+        precision = np.diag(self._prior.sd**-2)
+        weighted = self._prior.mean * self._prior.sd**-2
+        count = _FORECASTS_PER_DAY * self._training.days / len(_HORIZONS_MIN)
+        for (_, typical, origins), of_horizon in zip(self._cases, errors, strict=True):
+            weight = count / (origins.size * typical**2)
+            precision = precision + weight * of_horizon[:, 1:].T @ of_horizon[:, 1:]
+            weighted = weighted + weight * of_horizon[:, 1:].T @ of_horizon[:, 0]
+        return np.asarray(np.linalg.solve(precision, weighted), np.float64)
+
+    def value(self, logarithms: Values) -> tuple[float, Values]:
+        """Value and gradient, by forward differences of all parameters at once."""
+        points = logarithms + _STEP * np.vstack([np.zeros(logarithms.size), np.eye(logarithms.size)])
+        errors = self.errors(np.exp(points))
+        count = _FORECASTS_PER_DAY * self._training.days / len(_HORIZONS_MIN)
+        values = np.empty(points.shape[0])
+        for place, point in enumerate(points):
+            of_system = [of_horizon[:, place] for of_horizon in errors]
+            coefficients = self.coefficients(of_system)
+            squares = [np.mean((e[:, 0] - e[:, 1:] @ coefficients) ** 2) for e in of_system]
+            linear = (coefficients - self._prior.mean) / self._prior.sd
+            nonlinear = (point - _LOG_MEDIAN) / _LOG_SD
+            values[place] = 0.5 * (
+                count * np.log(np.add(squares, _ROUNDING_VARIANCE)).sum() + linear @ linear + nonlinear @ nonlinear
+            )
+        return float(values[0]), (values[1:] - values[0]) / _STEP
+
+    def maximum(self) -> Values:
+        """Most likely parameters ``(8,)``, within three standard deviations of the prior."""
+        bounds = list(zip(_LOG_MEDIAN - 3.0 * _LOG_SD, _LOG_MEDIAN + 3.0 * _LOG_SD, strict=True))
+        result = scipy.optimize.minimize(
+            self.value, _LOG_MEDIAN, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 25, "ftol": 1e-5}
+        )
+        parameters: Values = np.exp(result.x)
+        return parameters
+
+
+@dataclass(frozen=True)
+class FittedKalman:
+    """The filter with the parameters of a person."""
+
+    parameters: Values
+    """Time constants and noises ``(8,)``, in the order of the prior."""
+    coefficients: Values
+    """Coefficients ``(11,)``: ``-S, R, b_0`` and those of the daily waves."""
+    usual: UsualDay
+
+    @property
+    def fall_mg_dl_U(self) -> float:
+        """Largest fall of glucose by 1 U."""
+        return -float(self.coefficients[0])
+
+    @property
+    def rise_mg_dl_g(self) -> float:
+        """Largest rise of glucose by 1 g of carbohydrate."""
+        return float(self.coefficients[1])
+
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
+        """Forecasts by the exact filter, which has its own variance at each sample."""
+        parameters = self.parameters[None]
+        system = unexplained_system(parameters)
+        explained = _Explained.of(parameters, record, self.usual.future(record, known=future_known))
+        readable = np.isfinite(record.reading_mg_dl)
+        rest = np.where(readable, record.reading_mg_dl - explained.at_samples()[:, 0] @ self.coefficients, 0.0)
+        [transition], [noise] = system.transition, system.process_noise
+        start = scipy.linalg.solve_discrete_lyapunov(transition, noise)
+        gains, covariance = exact_gains(system, start, readable)
+        states = filtered(system, gains[:, None], rest[:, None, None])[origins, 0, :, 0]
+        mean, variance = np.empty((2, origins.size, horizons.size))
+        for place, horizon in enumerate(horizons.tolist()):
+            row = system.readout @ np.linalg.matrix_power(transition, horizon)
+            ahead = explained.ahead(origins, horizon)[:, 0]
+            mean[:, place] = ahead @ self.coefficients + states @ row
+            # the variance of the noise on the way is what the stationary variance leaves
+            on_the_way = system.readout @ start @ system.readout - row @ start @ row
+            variance[:, place] = (
+                np.einsum("i,oij,j->o", row, covariance[origins], row) + on_the_way + system.reading_variance[0]
+            )
+        return GlucoseForecast(mean, variance)
+
+
+class Kalman(ForecastMethod, name="kalman"):
+    """Kalman filter with insulin, carbohydrate, an unexplained appearance of glucose, a drift and the time of day."""
+
+    individual: Annotated[
+        bool, About("Whether time constants and noises are fitted to the person; else they are those of the prior.")
+    ] = True
+    insulin_rule: Annotated[
+        float,
+        About(
+            "Largest fall of glucose by 1 U before the record, times the total daily dose.", above=0.0, at_most=5000.0
+        ),
+    ] = 1000.0
+    insulin_spread: Annotated[
+        float, About("Relative standard deviation of that fall before the record.", at_least=0.01, at_most=2.0)
+    ] = 0.3
+
+    def predictor(self, training: GriddedRecord) -> Predictor:
+        """Filter with the most likely parameters."""
+        return self.fitted(training)
+
+    def fitted(self, training: GriddedRecord) -> FittedKalman:
+        """Filter with the most likely parameters, and its band not yet scaled."""
+        prior = _linear_prior(training.total_daily_dose_U, self.insulin_rule, self.insulin_spread)
+        likelihood = _Likelihood(training, prior)
+        parameters = likelihood.maximum() if self.individual else np.exp(_LOG_MEDIAN)
+        errors = [of_horizon[:, 0] for of_horizon in likelihood.errors(parameters[None])]
+        return FittedKalman(parameters, likelihood.coefficients(errors), usual_day(training))

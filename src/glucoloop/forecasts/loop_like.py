@@ -1,0 +1,102 @@
+"""Forecast by two numbers and fixed curves, as programs that dose insulin make it.
+
+The forecast is the latest reading, less the fall by insulin beyond the usual basal rate, plus the rise by
+carbohydrate. The curves are those of LoopKit for rapid insulin of adults and for carbohydrate that is absorbed within
+three hours (`therapy.INSULINS`, `control.loop_like`). Sensitivity and carbohydrate ratio are those of the rules of 1700
+and 450, over the total daily dose, or fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+import numpy as np
+
+from glucoloop._lazy_jax import jnp
+from glucoloop.component.setting import About
+from glucoloop.control.loop_like import part_absorbed
+from glucoloop.forecasts.effects import effect_of_future, effect_of_history
+from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord, Places, Values
+from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
+from glucoloop.forecasts.usual_day import UsualDay, usual_day
+from glucoloop.refusal import Refusal
+from glucoloop.therapy import INSULINS, insulin_left
+
+_CORRECTION_RULE: Final = 1700.0
+_CARB_RULE: Final = 450.0
+_ABSORPTION_MIN: Final = 180.0
+_CARB_DELAY_MIN: Final = 10.0
+_FITTED_MIN: Final = (30, 60, 120, 180, 240)
+_MIN_DAILY_DOSE_U: Final = 1.0
+
+
+@dataclass(frozen=True)
+class _TwoNumbers:
+    sensitivity_mg_dl_U: float
+    rise_mg_dl_g: float
+    usual: UsualDay
+    mean_mg_dl: float
+
+    def forecast(
+        self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
+    ) -> GlucoseForecast:
+        effects = _effects(record, self.usual, origins, horizons, future_known=future_known)
+        rise = np.array([-self.sensitivity_mg_dl_U, self.rise_mg_dl_g])
+        mean = last_readings(record, self.mean_mg_dl)[origins][:, None] + effects @ rise
+        return GlucoseForecast(mean, np.ones_like(mean))
+
+
+def _effects(
+    record: GriddedRecord, usual: UsualDay, origins: Places, horizons: Places, *, future_known: bool
+) -> Values:
+    """Insulin that acts [U] and carbohydrate that is absorbed [g] until each horizon, ``(origins, horizons, 2)``."""
+    basal_U = usual.basal_U[record.clock]
+    history = (record.insulin_U - basal_U, record.carbs_g)
+    unknown = np.zeros(basal_U.size)
+    future = (record.user_bolus_U, record.carbs_g) if future_known else (unknown, unknown)
+    result = np.empty((origins.size, horizons.size, 2))
+    for kind, curve in enumerate(_curves()):
+        for place, horizon in enumerate(horizons.tolist()):
+            of_all = effect_of_history(history[kind], curve, horizon) + effect_of_future(future[kind], curve, horizon)
+            result[:, place, kind] = of_all[origins]
+    return result
+
+
+def _curves() -> tuple[Values, Values]:
+    """Part of a bolus that has acted and part of a meal that is absorbed, at whole samples after it."""
+    insulin = INSULINS["rapid-adult"]
+    t_min = SAMPLE_MIN * np.arange(np.ceil((insulin.action_min + insulin.delay_min) / SAMPLE_MIN) + 1)
+    left = insulin_left(t_min - insulin.delay_min, insulin.action_min, insulin.peak_min)
+    absorbed = part_absorbed(jnp.asarray((t_min - _CARB_DELAY_MIN) / _ABSORPTION_MIN))
+    return 1.0 - np.asarray(left, np.float64), np.asarray(absorbed, np.float64)
+
+
+class LoopLikeForecast(ForecastMethod, name="loop-like"):
+    """Sum of the effects of insulin and carbohydrate, by fixed curves and two numbers."""
+
+    fitted: Annotated[
+        bool, About("Whether the two numbers are fitted to the record; else they follow the rules of 1700 and 450.")
+    ] = False
+
+    def predictor(self, training: GriddedRecord) -> Predictor:
+        """Two numbers by the rules, or by least squares over horizons of 30 to 240 min; Refusal without insulin."""
+        daily_U = training.total_daily_dose_U
+        if daily_U < _MIN_DAILY_DOSE_U:
+            raise Refusal(
+                f"it has {daily_U:.1f} U of insulin a day, and loop-like forecasts from insulin; give a record with "
+                "insulin, or leave the method out"
+            )
+        usual, mean = usual_day(training), float(np.nanmean(training.reading_mg_dl))
+        sensitivity = _CORRECTION_RULE / daily_U
+        by_rules = _TwoNumbers(sensitivity, sensitivity * daily_U / _CARB_RULE, usual, mean)
+        if not self.fitted:
+            return by_rules
+        horizons = np.array([round(horizon / SAMPLE_MIN) for horizon in _FITTED_MIN])
+        origins = origins_of(training, 0)
+        origins = origins[origins + horizons[-1] < training.reading_mg_dl.size]
+        effects = _effects(training, usual, origins, horizons, future_known=True)
+        change = training.reading_mg_dl[origins[:, None] + horizons] - training.reading_mg_dl[origins][:, None]
+        there = np.isfinite(change)
+        (fall, rise), *_ = np.linalg.lstsq(effects[there], change[there], rcond=None)
+        return _TwoNumbers(-float(fall), float(rise), usual, mean)
