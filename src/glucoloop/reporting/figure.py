@@ -215,8 +215,8 @@ def _draw_insulin(
         line = axes.axhline(rate, **_style.BASAL)
     entries[f"basal {values_in_words(basal, rates.unit)}"] = line
     delivered = [rates.factor * run.insulin_mU_min for run in runs]
-    for index, (run, rate) in enumerate(zip(runs, delivered, strict=True)):
-        axes.step(run.t_min / divisor, rate, where="post", **_style.line_style(index), zorder=3)
+    for index, (run, rates_of_run) in enumerate(zip(runs, delivered, strict=True)):
+        axes.step(run.t_min / divisor, rates_of_run, where="post", **_style.line_style(index), zorder=3)
     low, high = extent([0.0, *basal], *delivered)
     low, high = low - 0.05 * (high - low), high + 0.08 * (high - low)
     bounds = (rates.factor * float(bound) for bound in (limits.min_mU_min, limits.max_mU_min))

@@ -229,8 +229,8 @@ def study(
             if compensated:
                 anew = [controller_of(late, case, model=one.model, model_is_late=True) for one in records(minutes)]
                 identified_anew[time] = _noisy_loops(late, anew, loop_keys)
-        for label, case in own.items():
-            complete = completed_case(case, late)
+        for label, request in own.items():
+            complete = completed_case(request, late)
             models = [one.model for one in identified] if label in modelled else [None]
             controllers = [controller_of(late, complete, model=model) for model in models]
             several = controllers if label in modelled else controllers[0]
