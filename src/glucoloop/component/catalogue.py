@@ -30,7 +30,7 @@ HOMES: Final = {
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
-    "rhythm": "glucoloop.physiology.settings:RHYTHMS",
+    "rhythm": "glucoloop.physiology.rhythm:RHYTHMS",
     "metric": "glucoloop.metrics.catalogue:METRICS",
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",

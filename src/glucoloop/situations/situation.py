@@ -34,7 +34,7 @@ from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Metric
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.component import PatientComponent
-from glucoloop.physiology.settings import RhythmComponent
+from glucoloop.physiology.rhythm import RhythmComponent
 from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, SensorComponent, WhiteNoise, whole_samples
@@ -54,7 +54,7 @@ from glucoloop.unit_guess import (
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel, RescueCarbs
     from glucoloop.patients import Patient, Population
-    from glucoloop.physiology.protocol import Rhythm
+    from glucoloop.physiology.rhythm import Rhythm
     from glucoloop.pumps import BolusLimits, DoseLimits
     from glucoloop.therapy import Profile
 
@@ -434,7 +434,7 @@ class Situation(Component):
     @property
     def rhythms(self) -> tuple[Rhythm, ...]:
         """Rhythms of the patient, as a scenario takes them."""
-        return tuple(component.made() for component in self.rhythm)
+        return self.rhythm
 
     @property
     def target_mg_dl(self) -> float:

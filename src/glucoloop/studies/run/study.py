@@ -165,7 +165,13 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
-    figure = plot(traces, title=title, units_per_hour=config.patient.subcutaneous, limits=config.limits)
+    figure = plot(
+        traces,
+        title=title,
+        subcutaneous=config.patient.subcutaneous,
+        start_min=config.start_min,
+        limits=config.limits,
+    )
     page = interactive_page(
         traces if len(traces) > 1 else first.trace,
         metrics if len(metrics) > 1 else first.metrics,
