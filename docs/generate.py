@@ -30,7 +30,7 @@ from glucoloop.firmware.safety import SafetyFile
 from glucoloop.lab import pack
 from glucoloop.metrics.catalogue import METRICS
 from glucoloop.metrics.readings import MEASURES
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.reproduction.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
 from glucoloop.situations.option import PANELS
 from glucoloop.studies.catalogue import STUDIES

@@ -257,3 +257,9 @@ def test_a_sample_time_of_ones_own_is_checked(sample_time, sentence):
 def test_a_controller_without_a_design_is_refused(controller):
     with pytest.raises(TypeError, match="has settings and no design; make it with its method designed, or"):
         gl.simulate(gl.patient(), controller)
+
+
+@pytest.mark.parametrize("name", ["parker-1999", "hovorka-2004", "kanderian-2009"])
+def test_the_settings_of_a_patient_are_no_person(name):
+    with pytest.raises(TypeError, match="without basal_insulin_mU_min and setpoint_mg_dl; give a patient"):
+        gl.simulate(gl.patients.PATIENTS[name](), PID)

@@ -269,7 +269,7 @@ def _lacking(value: object, protocol: type) -> list[str]:
 
 def _has(value: object, name: str) -> bool:
     with contextlib.suppress(Exception):
-        return hasattr(value, name)
+        return getattr(value, name, None) is not None  # a component that nobody has made yet has None there
     return True  # somebody else's property that fails is there
 
 

@@ -10,7 +10,7 @@ import pytest
 from glucoloop.component.code import entry_points
 from glucoloop.component.routes import PUMP_OF_1999
 from glucoloop.patients import patient, population, virtual_people
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bergman.py"
 NAME = "bergman:Minimal"
@@ -28,7 +28,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
     assert "minimal" in PATIENTS.names()
     for name in ("minimal", NAME):
         person = patient(name)
-        # p_1 (150 - 90) / 90 is the effect of insulin, p_2 / p_3 times it insulin, and V_I n times that the rate
+        # p_1 (G_0 - 90) / 90 is the effect of insulin, p_2 / p_3 times it insulin, and V_I n times that the rate
         by_hand = 12.0 * 0.09 * 0.025 / 1.3e-5 * 0.02 * (150.0 - 90.0) / 90.0
         assert float(person.basal_insulin_mU_min) == pytest.approx(by_hand, rel=1e-12)
         assert float(person.glucose_mg_dl(person.steady_state(person.basal_insulin_mU_min))) == pytest.approx(90.0)
@@ -56,7 +56,7 @@ def _fasting(insulin):
         ("nobody", "unknown patient 'nobody'; the known ones are: parker-1999, hovorka-2004"),
         ("no_such_module:X", "no_such_module cannot be imported: ModuleNotFoundError"),
         ("bergman:NOBODY", "bergman has no NOBODY; name what it defines, like bergman:NAME"),
-        ("bergman:MODEL", "bergman:MODEL is no patient: make it a class of PatientComponent"),
+        ("bergman:Variation", "bergman:Variation is no patient: make it a class of PatientComponent"),
     ],
 )
 def test_what_cannot_be_found_is_told(outside, glucoloop, name, told):

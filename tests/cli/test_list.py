@@ -4,7 +4,7 @@ import pytest
 
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 
 
 def test_everything_is_listed_a_line_each(glucoloop):

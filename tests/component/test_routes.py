@@ -5,12 +5,13 @@ from types import SimpleNamespace
 import pytest
 
 import glucoloop as gl
-from glucoloop.component.grammar import given
+from glucoloop.component.grammar import as_tree
 from glucoloop.component.request import completed
 from glucoloop.component.routes import PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.guard_settings import guard_of
-from glucoloop.patients.settings import PATIENTS, OperatingPoint, PatientComponent, patient_entry
+from glucoloop.patients.catalogue import PATIENTS, patient_entry
+from glucoloop.patients.component import OperatingPoint, PatientComponent
 from glucoloop.simulation.closed_loop import usual_limits
 from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
@@ -22,7 +23,6 @@ def entry_of(route):
     class Somebody(PatientComponent, name="somebody"):
         """Somebody."""
 
-        model = "somewhere:MODEL"
         operating_points = (OperatingPoint("at-rest", "at steady state"),)
         insulin_route = route
         pulse_mU_min = 10.0
@@ -71,9 +71,9 @@ def test_person_of_ones_own_has_the_pump_of_the_route():
 
 def test_pump_of_30_units_an_hour_is_unusual_into_a_vein_only():
     pump = {"max_insulin_mU_min": 500.0}
-    assert configuration_from(Run, given({"patient": "hovorka-2004", "pump": pump}, "")).limits.max_mU_min == 500.0
+    assert configuration_from(Run, as_tree({"patient": "hovorka-2004", "pump": pump}, "")).limits.max_mU_min == 500.0
     with pytest.raises(ValueError, match=r"^max_insulin_mU_min of the pump is 500 mU/min; "):
-        configuration_from(Run, given({"pump": pump}, ""))
+        configuration_from(Run, as_tree({"pump": pump}, ""))
 
 
 @pytest.mark.long

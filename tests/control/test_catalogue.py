@@ -12,7 +12,8 @@ from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.tuning import DEFAULT_FLOOR_WEIGHT
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients.settings import DEFAULT_PATIENT, OperatingPoint, PatientComponent
+from glucoloop.patients.catalogue import DEFAULT_PATIENT
+from glucoloop.patients.component import OperatingPoint, PatientComponent
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 SLOW_ARE_LONG = [pytest.param(name, marks=pytest.mark.long) if of.slow else name for name, of in CONTROLLERS.items()]
@@ -67,7 +68,6 @@ def test_a_name_has_one_type_in_all_controllers():
 class _Somebody(PatientComponent, name="somebody"):
     """Somebody."""
 
-    model = "somewhere:MODEL"
     operating_points = (OperatingPoint("here", "", {"pid": {"gain": Default(3.0)}}), OperatingPoint("there", ""))
     pulse_mU_min = 1.0
     tunings: ClassVar = {"pid": {"gain": Default(2.0), "closed_loop_min": Default(9.0)}}

@@ -8,7 +8,8 @@ from glucoloop.build.designs import with_guard
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.control import Guard, GuardSettings, design_open_loop
 from glucoloop.control.guard_settings import GUARDS, OF_ROUTE, guard_of
-from glucoloop.patients.settings import DEFAULT_PATIENT, PatientComponent, patient_entry
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, patient_entry
+from glucoloop.patients.component import PatientComponent
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
@@ -32,7 +33,6 @@ def test_usual_limits_are_those_of_the_route_and_of_the_patient():
         class Nasal(PatientComponent, name="nasal"):
             """Somebody with insulin through the nose."""
 
-            model = "somewhere:MODEL"
             insulin_route = "nasal"
 
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from glucoloop.cli import app
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "paper"

@@ -30,7 +30,7 @@ from glucoloop.storage.results import Results
 from glucoloop.storage.tables import parquet
 from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.record_report.sources import _table_of
-from glucoloop.studies.replay import ReplayRequest
+from glucoloop.studies.replay import twin_values
 from glucoloop.text import is_printable
 from glucoloop.trials.folder import TrialOrigin
 from glucoloop.twins.stored import StoredTwin
@@ -118,7 +118,7 @@ TRIAL = {**ORIGIN, "fingerprint": "0" * 64, "people": 2, "shards": 1, "polars": 
 
 
 def twin(path):
-    StoredTwin.of(ReplayRequest.partial({"twin": str(path.parent)}).kept())
+    StoredTwin.of(twin_values(str(path.parent)))
 
 
 def sums(path):

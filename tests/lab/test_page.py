@@ -18,7 +18,7 @@ from glucoloop.lab.pack import DATA, MODULE, PAGE, page
 from glucoloop.lab.patient_functions import FAMILIES
 from glucoloop.native.targets.wasm.module import _HOST
 from glucoloop.pages.script import PAGES
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from page_loops import run_of

@@ -12,8 +12,8 @@ from glucoloop.lab.pack import DATA, MODULE, PAGE
 from glucoloop.lab.patient_functions import people_of, situation
 from glucoloop.lab.people import with_people
 from glucoloop.patients import virtual_people
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.population import draw, of_people
-from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import simulate
 from glucoloop.situations.case import default_case

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import glucoloop as gl
 from glucoloop.patients import Inputs, Population, population, virtual_people
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.dalla_man import STATE_NAMES, DallaManPatient
-from glucoloop.patients.model import patient_model
 from glucoloop.patients.variation import Variation
 
 PATIENT = gl.patient("uva-padova-2008")
@@ -91,7 +91,7 @@ def test_everybody_of_the_population_rests():
     people = virtual_people(population("lognormal", patient="uva-padova-2008"), 0, np.arange(200))
     glucose = np.asarray(people.patient.glucose_mg_dl(people.rest))
     np.testing.assert_allclose(glucose, 120.0, rtol=1e-6)
-    sound = patient_model("uva-padova-2008").sound(jnp.asarray(people.rest), jnp.asarray(40.0))
+    sound = patient_entry("uva-padova-2008").sound(jnp.asarray(people.rest), jnp.asarray(40.0))
     assert all(np.all(which) for which in sound)
     assert np.ptp(np.asarray(people.patient.meal_model.k_max)) > 0.01
 

@@ -10,8 +10,8 @@ from glucoloop.control import PIDTuning, design_pid
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.patients import Population, Variation, patient, population, virtual_people
 from glucoloop.patients.hovorka import HOVORKA_2004, STATE_NAMES, WILINSKA_2010
-from glucoloop.patients.hovorka.model import HOVORKA_2004_MODEL, sound
 from glucoloop.patients.hovorka.parameters.boiroux2017 import DISTRIBUTIONS
+from glucoloop.patients.hovorka.patient import Hovorka2004
 from glucoloop.patients.hovorka.varying import nominal_values, with_values
 from glucoloop.sensors import IdealSensor
 from glucoloop.simulation import Exponential, simulate
@@ -80,7 +80,7 @@ def test_almost_everybody_can_be_held_at_the_usual_setpoint(people):
     assert 5.0 < np.median(basal[people.feasible]) < 9.0  # 0.3 to 0.5 U/h
     x = people.rest[:, people.feasible]
     assert (x >= 0.0).all()
-    insulin, glucose = sound(x, np.full(x.shape[1], 120.0))
+    insulin, glucose = Hovorka2004.sound(x, np.full(x.shape[1], 120.0))
     assert np.all(insulin)
     assert np.all(glucose)
     np.testing.assert_allclose(x[STATE_NAMES.index("IG")] * 18.016, 120.0, rtol=1e-12)
@@ -141,14 +141,14 @@ def test_people_who_cannot_be_are_refused(variations, message):
 
 
 def test_soundness_sees_an_amount_below_zero_and_interstitial_glucose_below_all_that_was_in_plasma():
-    x = np.tile(HOVORKA_2004_MODEL.operating_points["fasting-120"]().steady_state(5.0)[:, None], (1, 3))
+    x = np.tile(Hovorka2004.at_operating_point("fasting-120").steady_state(5.0)[:, None], (1, 3))
     x[STATE_NAMES.index("S2"), 0] = -1e-3
     x[STATE_NAMES.index("Q2"), 1] = -1e-3
-    insulin, glucose = sound(x, np.full(3, 50.0))
+    insulin, glucose = Hovorka2004.sound(x, np.full(3, 50.0))
     assert list(insulin) == [False, True, True]
     assert list(glucose) == [True, False, True]
     x[STATE_NAMES.index("IG")] = 49.0 / 18.016
-    assert not np.any(sound(x, np.full(3, 50.0))[1])
+    assert not np.any(Hovorka2004.sound(x, np.full(3, 50.0))[1])
 
 
 @pytree

@@ -9,7 +9,7 @@ import scipy.linalg
 import glucoloop as gl
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients import patient, population, virtual_people
-from glucoloop.patients.kanderian import PEOPLE, KanderianPatient
+from glucoloop.patients.kanderian import KanderianPatient, people
 from glucoloop.patients.population import own_meals
 from glucoloop.simulation import Adaptive
 from glucoloop.simulation.integrators import default_integrator
@@ -26,7 +26,7 @@ DAY = Scenario([Meal(72.0, 60.0), Meal(131.0, 360.0), Meal(51.0, 720.0)], 1440.0
 
 
 def person(name, glucose_mg_dl=120.0):
-    values = {parameter: each[PEOPLE.names.index(name)] for parameter, each in PEOPLE.values.items()}
+    values = {parameter: each[people().names.index(name)] for parameter, each in people().values.items()}
     return KanderianPatient.resting_at(glucose_mg_dl, **values)
 
 
@@ -135,6 +135,6 @@ def test_glucose_is_seen_at_two_sites():
 
 @pytest.mark.parametrize("value", [0.0, -253.0])
 def test_a_constant_that_is_not_positive_is_refused(value):
-    table = dataclasses.replace(PEOPLE.only(0), values={"V_G": (value,)})
+    table = dataclasses.replace(people().only(0), values={"V_G": (value,)})
     with pytest.raises(ValueError, match=rf"person '1': V_G is {value:g} but must stay above 0; give another value"):
         gl.patients.Population("one", (), "", "kanderian-2009", table)

@@ -128,3 +128,25 @@ def test_lines_of_mongoexport_and_answers_of_version_3(read):
     )
     assert read(lines).frame.equals(expected)
     assert read(json.dumps({"status": 200, "result": items})).frame.equals(expected)
+
+
+def test_a_zip_of_people_is_people_and_not_merged(tmp_path):
+    path = tmp_path / "people.zip"
+    for names in (("1.csv", "2.csv"), ("a/1.csv", "a/2.csv"), ("a/1/x.csv", "a/2/x.csv"), ("/1.csv", "/2.csv")):
+        path.write_bytes(zipped(**{names[0]: clarity(40), names[1]: clarity(30)}))
+        assert sorted(record.rows_used for record in read_people(path).values()) == [30, 40]
+    with pytest.raises(gl.Refusal, match="read them with read_people"):
+        gl.read_record(path)
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_an_export_with_insulin_in_a_folder_of_its_own_is_one_person(tmp_path, folder):
+    inner = {name if "cgm" in name else f"Insulin data/{name}": text for name, text in GLOOKO.items()}
+    path = tmp_path / "export.zip"
+    path.write_bytes(zipped(**inner))
+    if folder:
+        zipfile.ZipFile(path).extractall(tmp_path / "export")
+        path = tmp_path / "export"
+    record = gl.read_record(path)
+    assert record.frame["bolus_U"].sum() > 0.0
+    assert record.frame["glucose_mg_dl"].is_not_null().any()

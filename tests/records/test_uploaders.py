@@ -5,7 +5,7 @@ from datetime import timedelta
 
 import pytest
 
-from device_files import START, nightscout_treatments
+from device_files import START, every, glucose, nightscout_treatments
 from record_values import entries, notes_of
 
 
@@ -66,3 +66,14 @@ def test_a_dose_in_two_apps_counts_once(read):
     )
     assert (record.frame["bolus_U"].sum(), record.frame["carbs_g"].sum()) == (13.5, 120.0)
     assert sum(record.left_out.values()) == 1
+
+
+def test_two_sensors_in_a_table_that_names_none_are_told_and_kept(read):
+    rows = [(time, glucose(n)) for n, time in enumerate(every(5, 60))]
+    rows += [(time + timedelta(minutes=2), glucose(n + 7) + 80) for n, time in enumerate(every(5, 60))]
+    lines = [f"{time:%Y-%m-%d %H:%M},{value}" for time, value in sorted(rows)]
+    record = read("\n".join(["time,glucose_mg_dl", *lines]))
+    assert record.rows_used == 120
+    assert "Readings follow two trajectories at the same time for 5 hours" in notes_of(record)
+    one = read("\n".join(["time,glucose_mg_dl", *(f"{time:%Y-%m-%d %H:%M},{value}" for time, value in rows[:60])]))
+    assert "two trajectories" not in notes_of(one)

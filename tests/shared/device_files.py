@@ -320,6 +320,16 @@ def diasend(count=40):
     }
 
 
+def simulated(header, count=30):
+    """Table of a simulator: samples of 5 min with glucose, carbohydrate and insulin."""
+    cells = {"glucose": glucose, "CGM": glucose, "BG": glucose}
+    rows = [
+        ",".join([f"{time:%Y-%m-%d %H:%M:%S}", *(str(cells.get(name, lambda n: 0.01)(n)) for name in header[1:])])
+        for n, time in enumerate(every(5, count))
+    ]
+    return "\n".join([",".join(header), *rows]) + "\n"
+
+
 _SENSOR = [(time, {"Sensor Glucose": str(glucose(number))}) for number, time in enumerate(every(5, 30))]
 FILES = {
     "clarity": clarity(30),
@@ -337,6 +347,9 @@ FILES = {
     "tidepool-table": tidepool_table(30),
     "shanghai": as_tabs(shanghai(30)),
     "diasend": "Sheet: CGM\n" + as_tabs(diasend(30)["CGM"]),
+    "simglucose": simulated(("Time", "BG", "CGM", "CHO", "insulin", "LBGI")),
+    "replaybg": simulated(("t", "glucose", "cho", "bolus", "basal")),
+    "table": simulated(("time", "glucose_mg_dl", "carbs_g", "bolus_U")),
     "ohio": ohio(glucose_level=[{"ts": f"{time:%d-%m-%Y %H:%M:%S}", "value": "100"} for time in every(5, 30)]),
 }
 """A file of each vendor, with 30 readings."""

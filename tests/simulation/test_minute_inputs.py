@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop._pytree import pytree
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import Inputs, OdePatient
@@ -110,7 +109,7 @@ def test_sensitivity_of_one_half_is_a_patient_of_half_the_sensitivity():
     @dataclasses.dataclass(frozen=True)
     class Half:
         def changes(self, clock_min, seed, person):
-            from glucoloop.physiology.protocol import Changes
+            from glucoloop.physiology.rhythm import Changes
 
             return Changes(sensitivity=np.full((len(clock_min), len(person)), 0.5))
 
@@ -302,7 +301,10 @@ def test_the_exponential_integrator_takes_neither():
     class Exercising(HovorkaPatient):
         takes_exercise = True
 
-    assert isinstance(default_integrator(pytree(Exercising)(**vars(patient))), Explicit)
+    assert isinstance(
+        default_integrator(Exercising(parameters=patient.parameters, basal_insulin_mU_min=1.0, setpoint_mg_dl=100.0)),
+        Explicit,
+    )
 
 
 def test_what_is_not_there_is_in_no_program():

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,9 +9,8 @@ import pytest
 import glucoloop as gl
 from glucoloop.meals import Scenario
 from glucoloop.patients import SemilinearPatient
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.hovorka.patient import HovorkaPatient
-from glucoloop.patients.model import patient_model
-from glucoloop.patients.settings import PATIENTS
 from glucoloop.simulation import Adaptive, Exponential
 from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid
@@ -21,8 +19,6 @@ from glucoloop.simulation.user_objects import goes_fast, refuse_two_patients
 DAY = Scenario(meals=(), horizon_min=720.0)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class Circadian(HovorkaPatient):
     """A patient who makes more glucose in the morning."""
 
@@ -32,8 +28,6 @@ class Circadian(HovorkaPatient):
         return self.join(slow.at[0].add(0.1 * more), driven)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class Mistaken(HovorkaPatient):
     """A patient whose transport has a slip."""
 
@@ -57,7 +51,7 @@ def names():
 
 @pytest.mark.parametrize(("name", "point"), names())
 def test_the_forms_of_every_patient_are_the_same(name, point):
-    patient = patient_model(name).operating_points[point]()
+    patient = gl.patient(name, point)
     if not isinstance(patient, SemilinearPatient):
         assert not goes_fast(patient)
         return

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import label_of
 from glucoloop.situations.situation import configured

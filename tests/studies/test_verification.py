@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from glucoloop.patients.sorensen.model import sound
 
 from glucoloop._pytree import pytree, static
 from glucoloop.build.random_keys import keys_of_people
@@ -18,7 +19,6 @@ from glucoloop.metrics import promises
 from glucoloop.metrics.promises import PROMISES, Promises, all_finite
 from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
-from glucoloop.patients.sorensen.model import sound
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.sensors import Reading, WhiteNoise
 from glucoloop.simulation.cohort import SampledInside

@@ -90,3 +90,30 @@ def test_a_record_that_is_not_enough_is_refused(given, more, sentence):
 def test_a_basal_rate_may_be_given():
     days = recorded_days(record(*MEALS, (120.0, "bolus_U", 5.0)), basal_U_h=0.6)
     assert days.insulin_mU_min[0] == pytest.approx(10.0)
+
+
+def test_a_bolus_over_a_time_is_given_over_it():
+    at_once = recorded_days(record(*MEALS, *DOSES))
+    frame = record(*MEALS, *DOSES).frame.with_columns(
+        bolus_min=pl.when(pl.col("bolus_U").is_not_null()).then(pl.lit(62.5))
+    )
+    days = recorded_days(DeviceRecord(frame=frame, rows=frame.height))
+    given = 5.0 * (days.insulin_mU_min - 0.9 * 1000.0 / 60.0) / 1000.0
+    assert given[24:37] == pytest.approx([0.4] * 12 + [0.2])
+    assert given.sum() == pytest.approx(5.0)
+    assert (days.bolus_U, days.basal_U) == pytest.approx((5.0, at_once.basal_U))
+
+
+def test_long_acting_insulin_is_the_basal_rate_where_there_is_no_other():
+    pens = [(60.0 + 1440.0 * day, "long_acting_U", 24.0) for day in range(2)]
+    days = recorded_days(record(*MEALS, (120.0, "bolus_U", 5.0), *pens))
+    rate = days.insulin_mU_min.copy()
+    rate[24] -= 1000.0
+    assert rate == pytest.approx(np.full(rate.size, 1000.0 / 60.0))
+    assert "2 doses of long-acting insulin stand for the basal rate" in " ".join(days.notes)
+
+
+def test_long_acting_insulin_beside_a_basal_rate_is_named():
+    days = recorded_days(record(*MEALS, *DOSES, (60.0, "long_acting_U", 24.0)))
+    assert days.basal_U == pytest.approx(recorded_days(record(*MEALS, *DOSES)).basal_U)
+    assert "1 dose of long-acting insulin, 24 U, did not count beside the basal rate." in days.notes

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop import Refusal
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.twins import StoredTwin
 
 PATIENT = "hovorka-2004"
-NAMES = sorted(patient_model(PATIENT).nominal)[:2]
+NAMES = sorted(patient_entry(PATIENT).nominal)[:2]
 KEPT = {
     "patient": PATIENT,
     "posterior": {

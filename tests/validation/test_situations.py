@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import patient_entry
 from meal_aware.measures import numbers_at_samples
 from meal_aware.mismatched_loops import MismatchedLoops, designer, mismatched_people
 from meal_aware.situations import GROUPS, MISMATCHES, SITUATIONS, Extent
@@ -34,7 +34,7 @@ def test_measures_of_a_written_course():
 
 def test_corners_are_40_percent_off_and_at_rest():
     people = mismatched_people(ROWS["corners, late 10 min, correlated"], 3, 8)
-    nominal = patient_model(people.name).nominal
+    nominal = patient_entry(people.name).nominal
     for name, values in people.draw.values.items():
         np.testing.assert_allclose(np.abs(values - nominal[name]), 0.4 * abs(nominal[name]), rtol=1e-12)
     glucose = np.asarray(people.patient.glucose_mg_dl(people.rest))

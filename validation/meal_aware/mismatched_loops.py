@@ -23,7 +23,7 @@ from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import Draw, VirtualPeople, population, virtual_people
 from glucoloop.pumps import LimitedPump
 from glucoloop.sensors import CorrelatedNoise
@@ -115,7 +115,7 @@ def mismatched_people(row: Mismatch, seed: int, runs: int) -> VirtualPeople:
     table, number = population("parker2000"), np.arange(runs)
     if row.people == "parker2000":
         return virtual_people(table, seed, number, setpoint_mg_dl=row.setpoint_mg_dl)
-    model = patient_model(table.patient)
+    model = patient_entry(table.patient)
     sides = np.random.default_rng(seed).choice([0.6, 1.4], size=(len(table.parameters), runs))
     share = sides if row.people == "corners" else np.ones_like(sides)
     values = {name: model.nominal[name] * share[i] for i, name in enumerate(table.parameters)}

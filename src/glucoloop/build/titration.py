@@ -34,8 +34,8 @@ from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.meals import Eaten, MealModel
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients import Patient
+from glucoloop.patients.component import NOMINAL
 from glucoloop.patients.population import VirtualPeople, of_people, population, virtual_people
-from glucoloop.patients.settings import NOMINAL
 from glucoloop.pumps import DoseLimits, LimitedPump
 from glucoloop.pumps.limits import BolusLimits
 from glucoloop.sensors import IdealSensor

@@ -9,7 +9,7 @@ from glucoloop.cli.command import Command
 from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.output_file import OVERWRITE_FILE, file_to_write, write_file
 from glucoloop.cli.screen import print_text
-from glucoloop.patients.settings import DEFAULT_PATIENT
+from glucoloop.patients.catalogue import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 
 HELP: Final = (

@@ -9,7 +9,7 @@ from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
 from glucoloop.cli.screen import print_text, print_value, width_of_text
 from glucoloop.component.listing import listed, listing
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.studies.catalogue import STUDIES
 
 HELP: Final = (

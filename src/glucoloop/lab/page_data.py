@@ -50,7 +50,8 @@ from glucoloop.lab.patient_functions import (
 from glucoloop.lab.people import people_numbers
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.patients.settings import PATIENTS, PatientComponent
+from glucoloop.patients.catalogue import PATIENTS
+from glucoloop.patients.component import PatientComponent
 from glucoloop.patients.table import REPLACED
 from glucoloop.pumps import PumpComponent
 from glucoloop.refusal import Refusal

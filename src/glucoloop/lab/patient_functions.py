@@ -24,8 +24,8 @@ from glucoloop.meals.ode import OdeDigestion, eaten_of
 from glucoloop.meals.protocol import Eaten, LinearMealModel, OdeMealModel
 from glucoloop.native.interpreter import interpret
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.population import of_people
-from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import exponential
 from glucoloop.simulation.explicit import ExplicitPeople

@@ -28,9 +28,8 @@ from glucoloop.lab.patient_functions import (
 )
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import PATIENTS, patient_entry
 from glucoloop.patients.population import draw
-from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.variation import DISTRIBUTIONS, Distribution
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
@@ -100,7 +99,7 @@ def _person_function(family: str, *, rests: bool) -> PageFunction:
     point = PATIENTS.find(family).default_operating_point
     setpoint_mg_dl = float(patients(family)[point].setpoint_mg_dl)
     states = plants(family)[point].matrices.driven_end.shape[0]
-    names, build = list(people_of(family).distributions()), patient_model(family).build
+    names, build = list(people_of(family).distributions()), patient_entry(family).build
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del person, shared, rng

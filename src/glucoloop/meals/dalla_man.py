@@ -23,9 +23,7 @@ C. Dalla Man, R. A. Rizza, C. Cobelli, "Meal simulation model of the glucose-ins
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.meals.settings import DallaManGutSettings
 

@@ -16,9 +16,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.meals.protocol import Eaten, Jumps, matrix
 from glucoloop.meals.settings import HovorkaGutSettings

@@ -12,9 +12,7 @@ International Conference of the IEEE EMBS, 2006.
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.meals.protocol import Eaten, Jumps

@@ -18,7 +18,7 @@ from glucoloop.control import GuardSettings
 from glucoloop.control.guard_doses import MAX_BOLUS_MU
 from glucoloop.control.protocol import Decision, Status
 from glucoloop.faults import Episode
-from glucoloop.patients.model import Sound
+from glucoloop.patients.component import Sound
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.cohort import SampledInside
 from glucoloop.units import MIN_PER_H
@@ -254,7 +254,7 @@ class Promises:
 
     limits: DoseLimits = PARKER_1999_LIMITS
     sound: Sound = static()
-    """Promises of the patient about its states; see `PatientModel`."""
+    """Promises of the patient about its states; see `PatientComponent.sound`."""
     caps: Caps | None = None
     """Caps of the guard; None without one, for which that promise counts as kept."""
 

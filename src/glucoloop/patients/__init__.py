@@ -1,4 +1,4 @@
-"""Virtual patients, by family."""
+"""Virtual patients, one class each."""
 
 import lazy_loader
 

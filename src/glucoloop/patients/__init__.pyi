@@ -1,6 +1,8 @@
+from .catalogue import PATIENTS as PATIENTS
+from .catalogue import patient as patient
+from .component import OperatingPoint as OperatingPoint
+from .component import PatientComponent as PatientComponent
 from .joint import JointVariation as JointVariation
-from .model import PatientModel as PatientModel
-from .model import patient as patient
 from .ode import OdePatient as OdePatient
 from .population import Draw as Draw
 from .population import Population as Population
@@ -12,9 +14,6 @@ from .population import virtual_people as virtual_people
 from .protocol import Inputs as Inputs
 from .protocol import Patient as Patient
 from .protocol import SemilinearPatient as SemilinearPatient
-from .settings import PATIENTS as PATIENTS
-from .settings import OperatingPoint as OperatingPoint
-from .settings import PatientComponent as PatientComponent
 from .sorensen.patient import OPERATING_POINTS as OPERATING_POINTS
 from .sorensen.patient import SorensenPatient as SorensenPatient
 from .sorensen.patient import at_basal as at_basal

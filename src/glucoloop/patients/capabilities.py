@@ -8,12 +8,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop.component.routes import INTRAVENOUS, PumpRange, route_of
+from glucoloop.patients.component import PatientComponent
 from glucoloop.patients.protocol import Patient
 from glucoloop.refusal import Refusal
 
@@ -60,8 +57,9 @@ def paced(
         for name, of_1_mg_kg_min in declared_by(patient, "glucose_production").items():
             changed[name] = changed.get(name, table[name]) + of_1_mg_kg_min * production_mg_kg_min
     new = {**table, **changed} if isinstance(constants, dict) else dataclasses.replace(constants, **changed)
-    made: Patient = dataclasses.replace(patient, parameters=new)  # type: ignore[type-var]
-    return made
+    if isinstance(patient, PatientComponent):
+        return patient.replaced(parameters=new)
+    return dataclasses.replace(patient, parameters=new)  # type: ignore[type-var]
 
 
 def declared_by(patient: Patient, what: str, called: str = "") -> Any:

@@ -15,10 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-from scipy.special import ndtri
-
+from glucoloop._lazy_jax import np, npt, scipy
 from glucoloop.patients.variation import TRUNCATION_SD, Distribution, Values
 from glucoloop.refusal import Refusal
 from glucoloop.threefry import uniforms
@@ -144,7 +141,9 @@ class JointVariation:
         for attempt in range(MAX_ATTEMPTS):
             if not left.size:
                 return dict(zip(self.parameters, drawn, strict=True))
-            z = [ndtri(uniforms(seed, f"joint {name}", person[left], attempt)) for name in self.parameters]
+            z = [
+                scipy.special.ndtri(uniforms(seed, f"joint {name}", person[left], attempt)) for name in self.parameters
+            ]
             accepted = np.ones(left.size, dtype=bool)
             for i, distribution in enumerate(within.values()):
                 deviation = np.zeros(left.size)

@@ -27,11 +27,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.meals.hovorka import HovorkaGut
+from glucoloop.patients.component import OperatingPoint
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.provenance import Constant
@@ -68,9 +67,20 @@ PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
 
 
-class McGillPatient(OdePatient):
-    """A person at steady state and in exercise; states ``(G, X, S_1, S_2, C, h)``."""
+class McGillPatient(OdePatient, name="mcgill-2020"):
+    """Bergman's minimal model with exercise and subcutaneous insulin, of the McGill Diabetes Lab (2020); 70 kg.
 
+    States ``(G, X, S_1, S_2, C, h)``.
+    """
+
+    timeless: ClassVar = True
+    sources = ("bergman1979", "mcgill2020")
+    operating_points = (
+        OperatingPoint(
+            "fasting-117", "held at 117.1 mg/dl by 12.37 mU/min, which is 0.742 U/h", glucose_mg_dl=GLUCOSE_MG_DL
+        ),
+    )
+    pulse_mU_min = 12.0
     nominal: ClassVar[Mapping[str, float]] = {constant.name: constant.value for constant in CONSTANTS}
     near_rest = (117.0, 0.006, 870.0, 870.0, 117.0, 0.0)
     near_basal_mU_min = 12.4
@@ -120,6 +130,3 @@ class McGillPatient(OdePatient):
         if site not in self.sites:
             raise Refusal(f"glucose cannot be measured at {site!r}; the known sites are: {', '.join(self.sites)}")
         return x[0] if site == PLASMA else x[4]
-
-
-MCGILL_2020_MODEL: Final = McGillPatient.model({"fasting-117": GLUCOSE_MG_DL})

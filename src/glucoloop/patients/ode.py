@@ -7,17 +7,13 @@ negative) have spurious steady states beyond it; a state that is positive at the
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-
-from glucoloop._pytree import pytree
-from glucoloop._representation import represented
-from glucoloop.patients.model import PatientModel, Values
-from glucoloop.patients.protocol import Inputs, inputs_of
-from glucoloop.patients.resting import Constants, Rest, RestingPatient, shape_of_people
+from glucoloop._lazy_jax import jax, jit, jnp
+from glucoloop.patients.component import PatientComponent
+from glucoloop.patients.protocol import inputs_of
+from glucoloop.patients.resting import Constants, Rest, shape_of_people
 
 _MAX_STEPS: Final = 100
 _STILL: Final = 1e-14
@@ -30,7 +26,7 @@ _VANISHED: Final = 1e-6
 """Share of the glucose near rest below which it has gone to zero: without glucose most equations rest too."""
 
 
-class OdePatient(RestingPatient[dict[str, Any]]):
+class OdePatient(PatientComponent):
     """Base of a patient of somebody's own.
 
     A subclass is a frozen record that JAX can trace, and declares
@@ -42,7 +38,9 @@ class OdePatient(RestingPatient[dict[str, Any]]):
     - ``derivative(t_min, x, inputs)``, the rate of change of the state ``(states, ...)`` per minute at a time of day;
     - ``glucose_mg_dl(x)``, the glucose that is controlled;
 
-    and what is optional of any patient, such as ``insulin_route``, ``sites`` or ``meal_model``. Equations of the clock
+    and what is optional of any patient, such as ``insulin_route``, ``sites`` or ``meal_model``. With
+    ``operating_points``, each at a glucose, and ``pulse_mU_min`` it joins every command; with ``populations`` and
+    ``variations`` it has people of its own. Equations of the clock
     rest with the clock at midnight. With ``takes_exercise = True`` the derivative may read ``inputs.exercise_pct``,
     which is 0 at steady state. Rhythms change the constants that ``insulin_sensitivity`` names, a tuple of those that
     are proportional to sensitivity, and ``glucose_production``, a mapping of constants to what 1 mg/kg/min adds to
@@ -74,13 +72,11 @@ class OdePatient(RestingPatient[dict[str, Any]]):
     27.692
     """
 
-    nominal: ClassVar[Mapping[str, float]]
     near_rest: ClassVar[tuple[float, ...]]
     near_basal_mU_min: ClassVar[float]
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
-        represented(pytree(cls))
         cls.rest = Rest(
             under=functools.partial(_under, cls),
             holding=lambda p, glucose_mg_dl: _holding(cls, p, glucose_mg_dl)[0],
@@ -92,70 +88,18 @@ class OdePatient(RestingPatient[dict[str, Any]]):
 
     @classmethod
     def _with(cls, parameters: Constants) -> Any:
-        return cls(parameters=parameters, basal_insulin_mU_min=jnp.nan, setpoint_mg_dl=jnp.nan)  # type: ignore[arg-type]
-
-    @classmethod
-    def resting_at(cls, glucose_mg_dl: float, **constants: Any) -> Any:
-        """The person, or the people, held at a glucose, with constants in place of the nominal ones.
-
-        Raises
-        ------
-        ValueError
-            For a constant that the patient does not have, or a glucose that no infusion of 0 or more holds.
-        """
-        model = cls.model({})
-        for name in constants:
-            model.refuse_unknown(name)
-        return cls(**cls.rest.at_setpoint({**cls.nominal, **constants}, glucose_mg_dl))
-
-    @classmethod
-    def model(
-        cls, operating_points: Mapping[str, float], populations: Callable[[], Mapping[str, Any]] = dict
-    ) -> PatientModel:
-        """Model of this kind of patient, for its entry among the parts.
-
-        Parameters
-        ----------
-        operating_points : mapping of str to float
-            Glucose in mg/dl at which the nominal patient rests, by the name of the operating point.
-        populations : function, optional
-            Function without arguments that gives the populations by name.
-        """
-
-        def build(values: Values, basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> Any:
-            return cls(
-                parameters={**cls.nominal, **values},
-                basal_insulin_mU_min=jnp.asarray(basal_insulin_mU_min),
-                setpoint_mg_dl=jnp.asarray(setpoint_mg_dl),
-            )
-
-        return PatientModel(
-            build=build,
-            operating_points={
-                name: functools.partial(cls.resting_at, glucose) for name, glucose in operating_points.items()
-            },
-            nominal=dict(cls.nominal),
-            populations=populations,
-        )
+        return cls._rebuilt({"parameters": parameters, "basal_insulin_mU_min": jnp.nan, "setpoint_mg_dl": jnp.nan})
 
     def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Rate that holds a glucose, and the state there; NaN where no rate of 0 or more does."""
         result: tuple[jax.Array, jax.Array] = _holding(type(self), self.parameters, glucose_mg_dl)
         return result
 
-    def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
-        """Rate of change of the state, per minute."""
-        raise NotImplementedError
-
-    def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
-        """Concentration of the glucose that is to be controlled."""
-        raise NotImplementedError
-
 
 _LOWEST_MG_DL: Final = 1.0
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@jit(static_argnums=0)
 def _under(kind: type[OdePatient], p: Constants, insulin_mU_min: jax.Array) -> jax.Array:
     """Steady state under a rate; NaN where none was found."""
     shape = shape_of_people(p, insulin_mU_min)
@@ -165,7 +109,7 @@ def _under(kind: type[OdePatient], p: Constants, insulin_mU_min: jax.Array) -> j
     return jnp.where(patient.glucose_mg_dl(x) > _VANISHED * patient.glucose_mg_dl(near), x, jnp.nan)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@jit(static_argnums=0)
 def _holding(kind: type[OdePatient], p: Constants, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Rate of 0 or more that holds a glucose, and the state there; NaN where there is none."""
     shape, patient = shape_of_people(p, glucose_mg_dl), kind._with(p)

@@ -23,10 +23,10 @@ from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at
+from glucoloop.patients.catalogue import patient, patient_entry
+from glucoloop.patients.component import NOMINAL
 from glucoloop.patients.joint import JointVariation
-from glucoloop.patients.model import patient, patient_model
 from glucoloop.patients.protocol import Patient
-from glucoloop.patients.settings import NOMINAL
 from glucoloop.patients.table import REPLACED, PeopleTable
 from glucoloop.patients.variation import Distribution, Values, Variation
 from glucoloop.refusal import Refusal
@@ -65,7 +65,7 @@ class Population:
             raise Refusal("a population has no name; give it one")
         if len(self.variations) > MAX_VARIATIONS:
             raise Refusal(f"{len(self.variations)} variations are too many; give at most {MAX_VARIATIONS}")
-        model = patient_model(self.patient)
+        model = patient_entry(self.patient)
         seen: set[str] = set()
         for parameter in self.parameters:
             model.refuse_unknown(parameter)
@@ -74,11 +74,11 @@ class Population:
             seen.add(parameter)
         drawn = self._drawn()
         if self.table is None:
-            model.refuse(drawn)
+            model.refuse_impossible(drawn)
             return
         for row, name in enumerate(self.table.names):
             try:
-                model.refuse({**drawn, **self.table.only(row).distributions()})
+                model.refuse_impossible({**drawn, **self.table.only(row).distributions()})
             except Refusal as error:
                 raise error.within(f"person {name!r}") from None
 
@@ -91,7 +91,7 @@ class Population:
         return (*result, *(() if self.table is None else self.table.values))
 
     def _drawn(self) -> dict[str, Distribution]:
-        nominal = patient_model(self.patient).nominal
+        nominal = patient_entry(self.patient).nominal
         result: dict[str, Distribution] = {}
         for variation in self.variations:
             if isinstance(variation, JointVariation):
@@ -106,7 +106,7 @@ class Population:
 
     def values(self, seed: int, person: npt.NDArray[np.int64]) -> dict[str, Values]:
         """Value ``(n,)`` of each parameter for persons by their numbers."""
-        nominal = patient_model(self.patient).nominal
+        nominal = patient_entry(self.patient).nominal
         result: dict[str, Values] = {}
         for variation in self.variations:
             if isinstance(variation, JointVariation):
@@ -172,14 +172,13 @@ class Population:
 
 def populations_of(patient: str) -> dict[str, Population]:
     """Populations by name around a patient that need no other package: the nominal one first."""
-    nominal = Population(NOMINAL, (), "the nominal patient, whoever is drawn", patient=patient)
-    others = patient_model(patient).populations()
-    return {NOMINAL: nominal, **{name: replace(other, patient=patient) for name, other in others.items()}}
+    other = patient_entry(patient).of_other_packages
+    return {name: population(name, patient=patient) for name in population_names(patient) if name not in other}
 
 
 def population_names(patient: str) -> tuple[str, ...]:
     """Names of all populations around a patient, also of those that are read from another package."""
-    return (*populations_of(patient), *patient_model(patient).read_populations)
+    return (NOMINAL, *patient_entry(patient).populations)
 
 
 @checked
@@ -194,8 +193,9 @@ def population(name: str, *, patient: str = "parker-1999") -> Population:
     names = population_names(patient)
     if name not in names:
         raise Refusal(f"unknown population {name!r} of {patient}; the known ones are: {', '.join(names)}")
-    read = patient_model(patient).read_populations
-    return replace(read[name](), patient=patient) if name in read else populations_of(patient)[name]
+    if name == NOMINAL:
+        return Population(NOMINAL, (), "the nominal patient, whoever is drawn", patient=patient)
+    return replace(patient_entry(patient).population(name), patient=patient)
 
 
 def is_preset(people: Population) -> bool:
@@ -296,7 +296,7 @@ def virtual_people(
     drawn = draw(population, seed, person)
     with jax.default_device(jax.devices("cpu")[0]):
         basal, rest = _at_rest(population.patient, drawn, setpoint_mg_dl)
-        people = patient_model(population.patient).build(drawn.values, basal, np.full(basal.shape, setpoint_mg_dl))
+        people = patient_entry(population.patient).build(drawn.values, basal, np.full(basal.shape, setpoint_mg_dl))
     return VirtualPeople(
         name=population.patient,
         draw=drawn,
@@ -320,16 +320,16 @@ def alone(population: Population, setpoint_mg_dl: float) -> tuple[Patient, Profi
 
 def nominal_profile(name: str, nominal: Patient) -> Profile:
     """Profile of a nominal patient: how it rests, and what its model says."""
-    model = patient_model(name)
+    model = patient_entry(name)
     known = {_WEIGHT: model.nominal[_WEIGHT]} if _WEIGHT in model.nominal else {}
     rest = {"basal_mU_min": nominal.basal_insulin_mU_min, "setpoint_mg_dl": nominal.setpoint_mg_dl}
-    return Profile(**{**rest, **known, **model.profile})
+    return Profile(**{**rest, **known, **model.nominal_profile()})
 
 
 def _profile(population: Population, seed: int, drawn: Draw, basal: Values, setpoint_mg_dl: float) -> Profile:
     """Profile ``(n,)`` of people: what their table has, and where it has nothing, how they rest and what they weigh."""
     result: dict[str, Values] = {"basal_mU_min": basal, "setpoint_mg_dl": np.full(basal.shape, setpoint_mg_dl)}
-    weight = drawn.values.get(_WEIGHT, patient_model(population.patient).nominal.get(_WEIGHT))
+    weight = drawn.values.get(_WEIGHT, patient_entry(population.patient).nominal.get(_WEIGHT))
     if weight is not None:
         result[_WEIGHT] = np.broadcast_to(weight, basal.shape)
     if population.table is not None:
@@ -360,7 +360,7 @@ def _usual_setpoint(name: str) -> float:
 
 @functools.partial(jax.jit, static_argnames="name")
 def _known_people(name: str, values: dict[str, jax.Array], setpoint_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    people = patient_model(name).build(values, jnp.nan, setpoint_mg_dl)
+    people = patient_entry(name).build(values, jnp.nan, setpoint_mg_dl)
     return rest_at(people, setpoint_mg_dl)
 
 

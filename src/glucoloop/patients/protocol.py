@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
 
 

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-from jax.typing import ArrayLike
-
-from glucoloop._disk_cache import kept_result
-from glucoloop._pytree import pytree
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop.arguments import at_once, is_traced
 from glucoloop.refusal import Refusal
 
-P = TypeVar("P")
-Constants = Any
+if TYPE_CHECKING:
+    from jax.typing import ArrayLike
+
+Constants: TypeAlias = Any
 """Parameters of a family, of one person or of many, who trail."""
 
 
@@ -51,7 +46,7 @@ class Rest:
                     f"an insulin infusion of {u[~possible].flat[0]:g} mU/min is not possible; "
                     "give a finite rate of 0 or more"
                 )
-            x = kept_result(self.under, p, jnp.asarray(u))
+            x = _kept(self.under, p, jnp.asarray(u))
             above = np.asarray(self.glucose_mg_dl(p, x)) > 0.0
             if not np.all(above):
                 raise Refusal(
@@ -66,7 +61,7 @@ class Rest:
             return self.holding(p, jnp.asarray(glucose_mg_dl, float))
         with at_once():
             glucose = np.asarray(glucose_mg_dl, float)
-            u = kept_result(self.holding, p, jnp.asarray(glucose))
+            u = _kept(self.holding, p, jnp.asarray(glucose))
             feasible = np.isfinite(np.asarray(u)) & (glucose > 0.0)
             if not np.all(feasible):
                 raise Refusal(
@@ -91,23 +86,10 @@ class Rest:
             return {"parameters": p, "basal_insulin_mU_min": u, "setpoint_mg_dl": setpoint}
 
 
-@pytree
-class RestingPatient(Generic[P]):
-    """A person of a family with an operating point, and the rest under other rates."""
+def _kept(function: Callable[..., jax.Array], *arguments: Any) -> jax.Array:
+    from glucoloop._disk_cache import kept_result  # what only help needs computes nothing
 
-    rest: ClassVar[Rest]
-
-    parameters: P
-    basal_insulin_mU_min: jax.Array
-    setpoint_mg_dl: jax.Array
-
-    def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """Steady state ``(states, ...)`` under a constant infusion; ValueError if glucose does not rest above 0."""
-        return self.rest.state(self.parameters, insulin_mU_min)
-
-    def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion of 0 or more that holds the given glucose; ValueError if none does."""
-        return self.rest.insulin(self.parameters, glucose_mg_dl)
+    return kept_result(function, *arguments)
 
 
 def _first(values: npt.NDArray[np.float64], which: npt.NDArray[np.bool_]) -> float:

@@ -36,10 +36,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.meals.roy_parker import RoyParkerGut
+from glucoloop.patients.component import OperatingPoint
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.provenance import Constant
@@ -77,9 +76,18 @@ MIN_INSULIN: Final = 1.0
 FADED: Final = 1e-12
 
 
-class RoyParkerPatient(OdePatient):
-    """A person at steady state and in exercise; states ``(G, X, I, V, P, U, E, L, A)``."""
+class RoyParkerPatient(OdePatient, name="roy-parker-2007"):
+    """The minimal model with exercise of Roy and Parker (2007); intravenous insulin, 70 kg.
 
+    States ``(G, X, I, V, P, U, E, L, A)``.
+    """
+
+    timeless: ClassVar = True
+    sources = ("royparker2007",)
+    operating_points = (
+        OperatingPoint("fasting-100", "held at 100 mg/dl by 16.67 mU/min, which is 1 U/h", glucose_mg_dl=100.0),
+    )
+    pulse_mU_min = 16.0
     nominal: ClassVar[Mapping[str, float]] = {constant.name: constant.value for constant in CONSTANTS}
     near_rest = (100.0, 0.0, 11.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     near_basal_mU_min = 16.7
@@ -120,6 +128,3 @@ class RoyParkerPatient(OdePatient):
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Concentration of glucose in plasma."""
         return x[0]
-
-
-ROY_PARKER_2007_MODEL: Final = RoyParkerPatient.model({"fasting-100": 100.0})

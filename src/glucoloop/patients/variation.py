@@ -11,15 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
-from scipy.special import ndtr, ndtri
-
+from glucoloop._lazy_jax import np, npt, scipy
 from glucoloop.refusal import Refusal
 
-Values = npt.NDArray[np.float64]
+Values: TypeAlias = "npt.NDArray[np.float64]"
 
 DISTRIBUTIONS: Final = ("uniform", "normal", "lognormal")
 TRUNCATION_SD: Final = 3.0
@@ -143,7 +140,7 @@ class Distribution:
             drawn = self.lower + (self.upper - self.lower) * uniform
         else:
             below, above = self.probabilities
-            score = ndtri(below + (above - below) * uniform)
+            score = scipy.special.ndtri(below + (above - below) * uniform)
             deviation = self.scale * score
             drawn = self.centre * np.exp(deviation) if self.kind == "lognormal" else self.centre + deviation
         return np.clip(drawn, self.lower, self.upper)
@@ -151,7 +148,7 @@ class Distribution:
     @property
     def probabilities(self) -> tuple[float, float]:
         """Probabilities of a value below the two bounds, for a normal or lognormal distribution without bounds."""
-        return float(ndtr(self._score(self.lower))), float(ndtr(self._score(self.upper)))
+        return float(scipy.special.ndtr(self._score(self.lower))), float(scipy.special.ndtr(self._score(self.upper)))
 
     def _score(self, value: float) -> float:
         """Distance of a value from the median in standard deviations."""

@@ -40,6 +40,9 @@ _HIGH: Final = (
 )
 _ASK_UNIT: Final = "say the unit, as file_units='{name}={example}' (--file-units)"
 _EXAMPLES: Final = {"carbs": "10g", "bolus": "mU", "long_acting": "mU", "basal": MIXED_RATES}
+_IN_MU: Final = (
+    f"; if these are in mU/h, file_units='basal={MIXED_RATES}' (--file-units 'basal={MIXED_RATES}') reads them so"
+)
 _FEW: Final = 3
 _HALF: Final = 0.5
 
@@ -225,5 +228,5 @@ def _tell(
             )
         account.notes.append(
             f"{how_many(count, 'value')} of {_WORDS[name]} outside of {bounds} (from {ends} in the unit of the file) "
-            f"were not used{unknown}{f'; if they are in another unit, {ask}' if name == 'basal' else ''}."
+            f"were not used{unknown}{_IN_MU if name == 'basal' else ''}."
         )

@@ -47,6 +47,15 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> d
     for path in paths:
         with refusing(path):
             files += files_of(path)
+    people_in_zip = _people_in_zip(paths[0], files) if len(paths) == 1 and paths[0].is_file() else {}
+    if people_in_zip:
+        each = {name: _read(own, chosen, answers) for name, own in people_in_zip.items()}
+        return {f"{name} {who}".strip(): record for name, of_one in each.items() for who, record in of_one.items()}
+    return _read(files, chosen, answers)
+
+
+def _read(files: Sequence[UserFile], chosen: ReaderComponent | None, answers: Answers) -> dict[str, DeviceRecord]:
+    """Record of each person of files that belong together."""
     if any(file.data.startswith(PARQUET) for file in files):
         record = next(file for file in files if file.data.startswith(PARQUET))
         with refusing(record.path):
@@ -165,8 +174,41 @@ def _people_of(folder: Path) -> list[Path]:
     """File or folder of each person of a folder, as a report has them; the folder where its files are of one person."""
     inside = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     files = [path for path in inside if path.is_file() and _is_known(path)]
-    people = sorted([*files, *(path for path in inside if path.is_dir())])
-    return [folder] if len(people) == len(files) and (len(files) < 2 or are_of_one_person(files)) else people
+    folders = [path for path in inside if path.is_dir()]
+    if not folders:
+        return [folder] if len(files) < 2 or are_of_one_person(files) else files
+    if files and not any(_has_readings(file.data) for path in folders for file in files_of(path)):
+        return [folder]  # as of an export that has its insulin in a folder of its own
+    return sorted([*files, *folders])
+
+
+def _people_in_zip(archive: Path, files: Sequence[UserFile]) -> dict[str, list[UserFile]]:
+    """Files of each person of a ZIP, by the rules that hold for a folder; nothing where they are of one person."""
+    places = [file.path.relative_to(archive).parts for file in files]
+    while places and len({place[:1] for place in places}) == 1 and all(len(place) > 1 for place in places):
+        places = [place[1:] for place in places]
+    groups: dict[str, list[UserFile]] = {}
+    for place, file in zip(places, files, strict=True):
+        if place and (len(place) > 1 or _is_known_text(file.data)):
+            groups.setdefault(place[0], []).append(file)
+    folders = {place[0] for place in places if len(place) > 1}
+    loose = [name for name in groups if name not in folders]
+    if len(groups) < 2:
+        return {}
+    if not folders:
+        return {} if _are_of_one_person([file.data for own in groups.values() for file in own]) else groups
+    if loose and not any(_has_readings(file.data) for name in folders for file in groups[name]):
+        return {}
+    return groups
+
+
+def _has_readings(data: bytes) -> bool:
+    """Whether a file tells glucose of a sensor, as far as it can be read without answers."""
+    try:
+        content = content_of(data)
+        return bool(reader_of(content, Answers()).rows(content, Answers()).frame["glucose"].is_not_null().any())
+    except Refusal:
+        return False
 
 
 def _is_known(path: Path) -> bool:
@@ -194,11 +236,18 @@ def are_of_one_person(paths: Sequence[Path]) -> bool:
 
     Refusal where several have readings and others none, since nothing says which belong together.
     """
+    try:
+        texts = [read_bytes(path) for path in paths]
+    except Refusal:
+        return False
+    return _are_of_one_person(texts)
+
+
+def _are_of_one_person(texts: Sequence[bytes]) -> bool:
     parts: list[bool] = []
     exports = True
-    for path in paths:
+    for data in texts:
         try:
-            data = read_bytes(path)
             content = content_of(data)
             reader = reader_of(content, Answers())
             if not reader.in_parts:

@@ -75,7 +75,11 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
         if device is not None:
             raise Refusal(f"device is {device!r}, and there are no readings", "leave it out (--device)")
         return frame
-    streams = _labelled([part for group in read.partition_by("source") for part in _parted(group.sort("t"))])
+    groups = [group.sort("t") for group in read.partition_by("source")]
+    for group in groups:
+        if not group["named"].all():
+            _note_two_trajectories(group, account)
+    streams = _labelled([part for group in groups for part in (_parted(group) if group["named"].all() else [group])])
     if len(streams) > 1:
         labels = np.full(frame.height, None, dtype=object)
         for stream in streams:
@@ -105,12 +109,9 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
 
 
 def _parted(rows: pl.DataFrame) -> list[pl.DataFrame]:
-    """Streams that one source sends under one name, each at regular steps; the source itself where it is one.
-
-    A table that names no source is one: nothing says that it holds more than it was made to hold.
-    """
+    """Streams that one source sends under one name, each at regular steps; the source itself where it is one."""
     t = rows["t"].to_numpy()
-    step = _step_of_several(t) if rows["named"].all() else None
+    step = _step_of_several(t)
     if step is None:
         return [rows]
     chains: list[float] = []
@@ -214,10 +215,19 @@ def _doubled(stream: _Stream, first: _Stream) -> npt.NDArray[np.bool_]:
     return np.asarray(inside)
 
 
-def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], account: Account) -> str:
-    """Reason for which readings of a stream are left out, with a note on how it compares with the one that is used."""
+class _Comparison(NamedTuple):
+    """Comparison of the readings of a stream with those of another one at the same times."""
+
+    same: bool
+    """Whether they are of one sensor."""
+    shift_min: float
+    """Time by which they are later."""
+    apart_mg_dl: float
+    """Median of their distance without that shift."""
+
+
+def _comparison(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_]) -> _Comparison:
     t, glucose = stream.t_min[doubled], stream.glucose[doubled]
-    hours = how_many(round(t.size * stream.step_min / MIN_PER_H), "hour")
     chosen = np.linspace(0, t.size - 1, min(t.size, _SAMPLES)).astype(int)
     t, glucose = t[chosen], glucose[chosen]
     shifts = _SHIFTS_MIN if t.size >= _FEWEST else np.zeros(1)
@@ -229,8 +239,42 @@ def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], a
     median, upper = (float(np.quantile(differences[best], share)) for share in (0.5, 0.9))
     apart = float(np.median(differences[int(np.flatnonzero(shifts == 0.0)[0])]))
     same = median <= max(_MAX_MEDIAN[0], _MAX_MEDIAN[1] * middle) and upper <= max(_MAX_90[0], _MAX_90[1] * middle)
+    return _Comparison(same, float(shifts[best]), apart)
+
+
+def _hours(stream: _Stream, doubled: npt.NDArray[np.bool_]) -> str:
+    return how_many(round(int(np.count_nonzero(doubled)) * stream.step_min / MIN_PER_H), "hour")
+
+
+def _note_two_trajectories(rows: pl.DataFrame, account: Account) -> None:
+    """Note where readings that name no source follow two trajectories at once, as those of two sensors do.
+
+    All of them stay: nothing says that a table holds more than it was made to hold.
+    """
+    parts = _parted(rows)
+    if len(parts) == 1:
+        return
+    first, *others = sorted(_labelled(parts), key=lambda stream: stream.t_min.size, reverse=True)
+    for stream in others:
+        doubled = _doubled(stream, first)
+        if np.count_nonzero(doubled) < _FEWEST:
+            continue
+        compared = _comparison(stream, first, doubled)
+        if not compared.same:
+            account.notes.append(
+                f"Readings follow two trajectories at the same time for {_hours(stream, doubled)}, "
+                f"{compared.apart_mg_dl:.0f} mg/dl apart in the median, as those of two sensors do. All are kept, for "
+                "nothing names their sensors; divide the table by its sensors to choose one."
+            )
+            return
+
+
+def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], account: Account) -> str:
+    """Reason for which readings of a stream are left out, and a note on how it compares with the one that is used."""
+    hours = _hours(stream, doubled)
+    same, shift_min, apart = _comparison(stream, first, doubled)
     if same:
-        shift = f", {abs(shifts[best]):g} min {'later' if shifts[best] > 0 else 'earlier'}" if shifts[best] else ""
+        shift = f", {abs(shift_min):g} min {'later' if shift_min > 0 else 'earlier'}" if shift_min else ""
         account.notes.append(
             f"{stream.label} and {first.label} say the same glucose{shift}, for {hours}; {first.label} is used there."
             if stream.label != first.label
@@ -239,8 +283,8 @@ def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], a
         return SAME_GLUCOSE
     if stream.source == first.source:
         account.notes.append(
-            f"Readings of one source follow two courses at the same time for {hours}, {apart:.0f} mg/dl apart in the "
-            f"median, as those of two sensors do. Both are kept, as {first.label} and {stream.label}; device "
+            f"Readings of one source follow two trajectories at the same time for {hours}, {apart:.0f} mg/dl apart in "
+            f"the median, as those of two sensors do. Both are kept, as {first.label} and {stream.label}; device "
             "(--device) chooses one."
         )
         return ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
 from glucoloop.records.file_text import LARGEST_BYTES, read_bytes
@@ -27,7 +27,11 @@ class UserFile(NamedTuple):
 def files_of(path: Path) -> list[UserFile]:
     """Files at a path; Refusal where there are none, or more than are meant for one person."""
     if path.is_dir():
-        inside = sorted(file for file in path.iterdir() if not file.name.startswith(".") and file.is_file())
+        inside = sorted(
+            file
+            for file in path.rglob("*")
+            if file.is_file() and not any(part.startswith(".") for part in file.relative_to(path).parts)
+        )
         if not inside:
             raise Refusal("it is a folder without files; give one with the files of a person")
         if len(inside) > _MAX_FILES:
@@ -59,7 +63,7 @@ def _unpacked(path: Path, data: bytes) -> list[tuple[Path, bytes]]:
             if len(names) > _MAX_FILES:
                 raise Refusal(f"it has {len(names)} files, and at most {_MAX_FILES} can be read; divide it")
             for name in sorted(names):
-                place = Path(name)
+                place = Path(*PurePosixPath(name.lstrip("/")).parts)
                 if name.endswith("/") or any(part.startswith((".", "__MACOSX")) for part in place.parts):
                     continue
                 with archive.open(name) as file:
@@ -67,7 +71,7 @@ def _unpacked(path: Path, data: bytes) -> list[tuple[Path, bytes]]:
                 left -= len(inside)
                 if left < 0:
                     raise Refusal(f"it unfolds to more than {LARGEST_BYTES} bytes; divide it")
-                result.append((path / place.name, inside))
+                result.append((path / place, inside))
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
         if isinstance(error, Refusal):
             raise

@@ -11,9 +11,8 @@ import jax
 from glucoloop.component.setting import Value, value_text
 from glucoloop.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultComponent
 from glucoloop.meals import Meal
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import Population
-from glucoloop.patients.settings import patient_entry
 from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.reporting.periods import moment_text
 from glucoloop.sensors import DeadTime, IdealSensor, WhiteNoise
@@ -316,7 +315,7 @@ def windows(faults: Iterable[FaultComponent], end_min: float) -> Iterator[tuple[
 
 def person_in_words(population: Population, person: Mapping[str, Any], seed: int = 0) -> str:
     """Name and basal rate of a person, who is a row of a summary, and the parameters farthest from the middle."""
-    distributions, meanings = population.distributions(), patient_model(population.patient).meanings
+    distributions, meanings = population.distributions(), patient_entry(population.patient).meanings
     parameters: Mapping[str, float] = person["parameters"]
     spans = {name: distributions[name].upper - distributions[name].lower for name in parameters}
     apart = {name: (value - distributions[name].centre) / (spans[name] or 1.0) for name, value in parameters.items()}

@@ -17,10 +17,9 @@ from glucoloop.arguments import converted
 from glucoloop.component.grammar import NAME, component_tree, plain
 from glucoloop.component.setting import known_names
 from glucoloop.meals import Meal
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, patient_entry
 from glucoloop.patients.joint import JointVariation
-from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, population, population_names
-from glucoloop.patients.settings import DEFAULT_PATIENT, patient_entry
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
 from glucoloop.patients.variation import Variation
 from glucoloop.refusal import Refusal
@@ -114,7 +113,7 @@ def read_table(rows: Sequence[Mapping[str, Any]], patient: str, draw: str = ONCE
     A column that is a parameter of the patient, as weight is of some, is known to whoever doses as well. What is not
     known of a person's profile is left out; parameters are given of all or of none.
     """
-    model = patient_model(patient)
+    model = patient_entry(patient)
     columns = list(dict.fromkeys(column for row in rows for column in row))
     names, meals = [], []
     for number, row in enumerate(rows, 1):
@@ -151,10 +150,10 @@ def read_table(rows: Sequence[Mapping[str, Any]], patient: str, draw: str = ONCE
     )
 
 
-def _meals(given: Any, name: str) -> tuple[Meal, ...]:
-    texts = given.split() if isinstance(given, str) else () if given is None else given
+def _meals(day: Any, name: str) -> tuple[Meal, ...]:
+    texts = day.split() if isinstance(day, str) else () if day is None else day
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
-        raise Refusal(f"meals of {name!r} are {given!r}; give a list, like ['60g@7h', '80g@12h']")
+        raise Refusal(f"meals of {name!r} are {day!r}; give a list, like ['60g@7h', '80g@12h']")
     try:
         return tuple(map(parse_meal, texts))
     except Refusal as error:
@@ -279,7 +278,7 @@ def described_population(name: str, patient: str) -> tuple[dict[str, Any], list[
         ]
     elif drawn:
         lines.append(f"  People of {patient}, drawn by the seed; one alone: --patient '{patient}, person=17'")
-    meanings = patient_model(patient).meanings
+    meanings = patient_entry(patient).meanings
     for parameter, of in drawn.items():
         meant = f": {meanings[parameter]}" if parameter in meanings else ""
         lines.append(f"  {parameter} from {of.lower:.4g} to {of.upper:.4g}, about {of.centre:.4g} ({of.kind}){meant}")
@@ -289,7 +288,7 @@ def described_population(name: str, patient: str) -> tuple[dict[str, Any], list[
 def person_of(text: str, patient: str, seed: int) -> Population:
     """One person of a patient, whoever is drawn.
 
-    The text is the name of a person of the patient's usual population, or its number where people have no names, like
+    The text is the name of a person of the patient's default population, or its number where people have no names, like
     ``person=17``; of another population that stands before a colon: ``people.csv:anna``.
     """
     where, _, name = text.rpartition(":")

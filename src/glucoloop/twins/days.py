@@ -134,27 +134,40 @@ def recorded_days(record: DeviceRecord, *, most_days: int = 14, basal_U_h: float
             f"it has {how_many(meals.height, 'meal')} from {first:%Y-%m-%d} to {last:%Y-%m-%d}; a twin is found from "
             f"{_FEWEST_MEALS} meals or more with their carbohydrate"
         )
-    basal = _basal_mU(frame, first, edges, basal_U_h, end_min, notes)
+    pens = frame.filter(pl.col("long_acting_U") > 0.0, pl.col("time") <= last)
+    if basal_U_h is None and pens.height and not frame["basal_U_h"].is_finite().any():
+        basal = _pens_mU(pens, first, edges, notes)
+    else:
+        basal = _basal_mU(frame, first, edges, basal_U_h, end_min, notes)
+        if (named := pens.filter(pl.col("time") >= first)).height:
+            notes.append(
+                f"{how_many(named.height, 'dose')} of long-acting insulin, {named['long_acting_U'].sum():g} U, did not "
+                "count beside the basal rate."
+            )
     if not boluses.height and not np.ptp(basal):
         raise Refusal(
             "it has neither boluses nor a basal rate that changes, so it does not tell how insulin acts; give a record "
             "with insulin"
         )
+    extended = pl.col("bolus_min").fill_null(0.0) > 0.0
+    at_once = boluses.filter(~extended)
     bolus_mU = np.zeros(edges.size - 1)
-    at = (_all_minutes(boluses, first) // SAMPLE_MIN).astype(int)
-    np.add.at(bolus_mU, at, MU_PER_U * boluses["bolus_U"].to_numpy())
+    at = (_all_minutes(at_once, first) // SAMPLE_MIN).astype(int)
+    np.add.at(bolus_mU, at, MU_PER_U * at_once["bolus_U"].to_numpy())
+    spread = frame.filter(pl.col("bolus_U") > 0.0, extended, pl.col("time") <= last)
+    spread_mU = _spread_mU(_all_minutes(spread, first), spread["bolus_min"], spread["bolus_U"], edges)
     counted = edges[:-1] < end_min
     empty = -meals.height % _MEALS_TOGETHER
     return RecordedDays(
         first=first,
         days=days,
         first_mg_dl=float(readings["glucose_mg_dl"].head(3).median()),  # type: ignore[arg-type]
-        insulin_mU_min=(basal + bolus_mU) / SAMPLE_MIN,
+        insulin_mU_min=(basal + bolus_mU + spread_mU) / SAMPLE_MIN,
         meal_min=np.append(_all_minutes(meals, first), np.zeros(empty)),
         carbs_g=np.append(meals["carbs_g"].to_numpy(), np.zeros(empty)),
         reading_min=_all_minutes(readings, first),
         reading_mg_dl=readings["glucose_mg_dl"].to_numpy(),
-        bolus_U=float(boluses["bolus_U"].sum()),
+        bolus_U=float(at_once["bolus_U"].sum()) + float(spread_mU.sum()) / MU_PER_U,
         basal_U=float(basal[counted].sum() / MU_PER_U),
         length_min=end_min,
         notes=tuple(notes),
@@ -182,6 +195,29 @@ def _last_stretch(readings: pl.DataFrame, most_days: int, notes: list[str]) -> t
         )
     first = readings["time"][0]
     return readings, first.replace(second=0, microsecond=0)
+
+
+def _spread_mU(begin_min: Values, span_min: pl.Series, doses_U: pl.Series, edges: Values) -> Values:
+    """Insulin of each sample [mU] of doses that are each given evenly over a time."""
+    result: Values = np.zeros(edges.size - 1)
+    for begin, span, dose in zip(begin_min, span_min, doses_U, strict=True):
+        result += MU_PER_U * dose * np.diff(np.clip((edges - begin) / span, 0.0, 1.0))
+    return result
+
+
+def _pens_mU(pens: pl.DataFrame, first: dt.datetime, edges: Values, notes: list[str]) -> Values:
+    """Long-acting insulin of each sample [mU], each dose given evenly over the 24 h after it."""
+    begins, doses = _all_minutes(pens, first), pens["long_acting_U"]
+    recent = begins > -MIN_PER_DAY
+    notes.append(
+        f"{how_many(int(np.count_nonzero(recent)), 'dose')} of long-acting insulin stand for the basal rate, each as "
+        "an even rate over the 24 h after it."
+    )
+    if begins[0] > 0.0:  # the day before the first one had the same
+        day = begins - begins[0] < MIN_PER_DAY
+        doses = pl.concat([doses.filter(pl.Series(day)), doses])
+        begins = np.append(begins[day] - MIN_PER_DAY, begins)
+    return _spread_mU(begins, pl.repeat(MIN_PER_DAY, doses.len(), eager=True), doses, edges)
 
 
 def _basal_mU(

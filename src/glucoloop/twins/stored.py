@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import Population
 from glucoloop.patients.table import PeopleTable
 from glucoloop.refusal import Refusal
@@ -67,7 +67,7 @@ class StoredTwin:
         try:
             kept = checked(_Kept, {name: plain[name] for name in _Kept.__dataclass_fields__ if name in plain})
             for name in (*kept.posterior.parameters, *kept.known):
-                patient_model(kept.patient).refuse_unknown(name)
+                patient_entry(kept.patient).refuse_unknown(name)
             factor = np.linalg.cholesky(np.asarray(kept.posterior.log_covariance))
         except (Refusal, np.linalg.LinAlgError) as error:
             raise Refusal(

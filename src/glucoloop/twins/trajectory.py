@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.patients.capabilities import rest_at, seen_mg_dl, sites
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import Population, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.explicit import ExplicitPlant, fastest_rate_per_min
@@ -113,7 +113,7 @@ class Simulator:
     def _start(self, z: jax.Array, first_mg_dl: jax.Array) -> tuple[Any, jax.Array]:
         """People of coordinates ``(coordinates, people)``, and their states at the start."""
         unknown = jnp.full(z.shape[1], jnp.nan)
-        people = patient_model(self.prior.patient).build(self.prior.values(z[:-1]), unknown, unknown)
+        people = patient_entry(self.prior.patient).build(self.prior.values(z[:-1]), unknown, unknown)
         _, x = rest_at(people, first_mg_dl * jnp.exp(_START_SD * z[-1]))
         return people, x
 

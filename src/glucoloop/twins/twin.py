@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.joint import JointVariation
-from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.table import PeopleTable
 from glucoloop.patients.variation import Variation
@@ -136,7 +136,7 @@ class Twin:
 
     def rows(self) -> list[dict[str, Any]]:
         """Parameters with intervals of 90 %, of the population before and of the twin after."""
-        meanings = patient_model(self.patient).meanings
+        meanings = patient_entry(self.patient).meanings
         sd = np.sqrt(np.diag(self.log_covariance))
         result = []
         for k, name in enumerate(self.prior.parameters):

@@ -32,9 +32,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.units import MU_MIN_PER_PMOL_MIN
 
 STATE_NAMES: Final = ("G_p", "G_t", "G_s", "I_p", "I_l", "I_sc1", "I_sc2", "X", "I_1", "I_d")

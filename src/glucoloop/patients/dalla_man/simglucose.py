@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Final
 
 from glucoloop._extras import missing
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.population import Population
-from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.table import PeopleTable
 from glucoloop.units import MU_MIN_PER_PMOL_MIN
 

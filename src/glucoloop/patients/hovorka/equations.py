@@ -31,9 +31,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.patients.protocol import Inputs
 

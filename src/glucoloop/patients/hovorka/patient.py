@@ -1,36 +1,78 @@
-"""The Hovorka patient at an operating point: constants, basal rate, setpoint."""
+"""Patients of Hovorka et al. (2004) and Wilinska et al. (2010): operating points, populations and forms."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar, Final
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
-from glucoloop._pytree import pytree
-from glucoloop._representation import represented
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop.arguments import checked
-from glucoloop.component.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
+from glucoloop.component.routes import PUMP_OF_1999, SUBCUTANEOUS
+from glucoloop.component.setting import Default
 from glucoloop.meals.hovorka import HovorkaGut
+from glucoloop.patients.component import OperatingPoint, PatientComponent
 from glucoloop.patients.hovorka import equations
-from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, MG_PER_MMOL, HovorkaConstants
+from glucoloop.patients.hovorka.equations import (
+    GLUCOSE,
+    INSULIN,
+    MG_DL_PER_MMOL_L,
+    MG_PER_MMOL,
+    STATE_NAMES,
+    HovorkaConstants,
+)
+from glucoloop.patients.hovorka.parameters import boiroux2017, hovorka2004, wilinska2010
 from glucoloop.patients.hovorka.rest import glucose_without_insulin_mg_dl, infusion_for, rest_at, rest_under
+from glucoloop.patients.hovorka.varying import (
+    MIN_OF_MEAN,
+    Lognormal,
+    Normal,
+    Uniform,
+    meanings,
+    nominal_values,
+    refuse_impossible,
+    with_values,
+)
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.resting import Rest, RestingPatient
+from glucoloop.patients.resting import Rest
+from glucoloop.patients.variation import TRUNCATION_SD, Distribution, Variation
 from glucoloop.refusal import Refusal
+
+if TYPE_CHECKING:
+    from glucoloop.patients.joint import JointVariation
 
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
+_ROUNDING: Final = 1e-9
+_INTEGRATION_MG_DL: Final = 0.1
+"""Integration error with two exponential steps per sample."""
+_INTERSTITIAL: Final = STATE_NAMES.index("IG")
 
 
-@represented
-@pytree
-class HovorkaPatient(RestingPatient[HovorkaConstants]):
-    """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""
+class HovorkaPatient(PatientComponent):
+    """Base of the patients of Hovorka's model; implements `SemilinearPatient`.
 
+    The pump and the horizons are those with which the numbers of the guide were made.
+    """
+
+    person_constants: ClassVar[HovorkaConstants]
+    """Constants of the nominal person."""
+    distributions: ClassVar[Iterable[Normal | Uniform | Lognormal]]
+    """Published distributions of the constants, of its one population."""
+    within_sd: ClassVar[float]
+    """Standard deviations within which they lie."""
+    timeless: ClassVar = True
+    insulin_route = SUBCUTANEOUS
+    # The pump of 1999, 4 U/h, is ample for people who need 0.4 and 0.9 U/h.
+    max_change_mU_min = PUMP_OF_1999.max_change_mU_min
+    max_insulin_mU_min = PUMP_OF_1999.max_mU_min
+    # Horizons of three and four hours.
+    tunings: ClassVar = {
+        "mpc": {"prediction_horizon": Default(36)},
+        "mpc-se": {"prediction_horizon": Default(48)},
+        "nlqdmc-se": {"prediction_horizon": Default(48)},
+        "meal-mpc": {"prediction_horizon": Default(48)},
+    }
     rest: ClassVar[Rest] = Rest(
         under=rest_under,
         holding=infusion_for,
@@ -39,12 +81,42 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
         highest_mg_dl=glucose_without_insulin_mg_dl,
         beyond="the liver would make no glucose, and glucose would fall to 0 mg/dl",
     )
-    insulin_route: ClassVar[str] = SUBCUTANEOUS
-    usual_pump: ClassVar[PumpRange] = PUMP_OF_1999
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
     """Sites at which glucose can be measured."""
     insulin_sensitivity: ClassVar[tuple[str, ...]] = ("S_IT", "S_ID", "S_IE")
     glucose_production: ClassVar[Mapping[str, float]] = {"EGP_0": 1.0 / MG_PER_MMOL}
+
+    @classmethod
+    def parameters_of(cls, values: Mapping[str, Any]) -> HovorkaConstants:
+        """The nominal person's constants, with other values in place of some."""
+        return with_values(cls.person_constants, values)
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> Self:
+        """The person, or the people, of some values, all of whose constants are arrays of JAX."""
+        people = super().build(values, basal_insulin_mU_min, setpoint_mg_dl)
+        return people.replaced(parameters=jax.tree.map(jnp.asarray, people.parameters))
+
+    @classmethod
+    def refuse_impossible(cls, varied: Mapping[str, Distribution]) -> None:
+        """Refuse distributions that can make an impossible person, see `varying.refuse_impossible`."""
+        refuse_impossible(cls.person_constants, varied)
+
+    @classmethod
+    def variations(cls, population: str) -> tuple[Variation | JointVariation, ...]:
+        """The published distributions, each within some standard deviations."""
+        return tuple(_variation(distribution, cls.within_sd) for distribution in cls.distributions)
+
+    @classmethod
+    def sound(cls, x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Whether insulin and glucose of states ``(9, ...)`` are physically possible, ``(...)`` each.
+
+        No depot, amount, concentration or effect is ever below zero. Interstitial glucose follows plasma glucose, so
+        that it has never been below the lowest of that.
+        """
+        insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0)
+        follows = x[_INTERSTITIAL] * MG_DL_PER_MMOL_L >= lowest_mg_dl - _INTEGRATION_MG_DL
+        return insulin, jnp.all(x[GLUCOSE] >= -_ROUNDING, axis=0) & follows
 
     @property
     def meal_model(self) -> HovorkaGut:
@@ -133,6 +205,68 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
     def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
         """Nonlinear part of the glucose balances `(3, ...)`."""
         return equations.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
+
+
+class Hovorka2004(HovorkaPatient, name="hovorka-2004"):
+    """The model of Hovorka et al. (2004); subcutaneous insulin, 75 kg."""
+
+    sources = ("hovorka2004",)
+    operating_points = (
+        OperatingPoint("fasting-120", "held at 120 mg/dl by 6.73 mU/min, which is 0.404 U/h", glucose_mg_dl=120.0),
+    )
+    populations: ClassVar = {
+        "boiroux2017": "sixteen constants that differ as in the virtual people of Boiroux et al. (2017)"
+    }
+    pulse_mU_min = 6.5
+    person_constants = hovorka2004.HOVORKA_2004
+    nominal = nominal_values(hovorka2004.HOVORKA_2004)
+    meanings = meanings(hovorka2004.CONSTANTS)
+    distributions = boiroux2017.DISTRIBUTIONS
+    within_sd = 1.0
+
+
+class Wilinska2010(HovorkaPatient, name="wilinska-2010"):
+    """The Cambridge simulator's model, of Wilinska et al. (2010); subcutaneous insulin, 74.9 kg."""
+
+    sources = ("wilinska2010", "hovorka2004")
+    operating_points = (
+        OperatingPoint("fasting-120", "held at 120 mg/dl by 14.97 mU/min, which is 0.898 U/h", glucose_mg_dl=120.0),
+    )
+    populations: ClassVar = {
+        "wilinska2010": "ten constants that differ as in the virtual people of Wilinska et al. (2010)"
+    }
+    pulse_mU_min = 14.5
+    person_constants = wilinska2010.WILINSKA_2010
+    nominal = nominal_values(wilinska2010.WILINSKA_2010)
+    meanings = meanings(wilinska2010.CONSTANTS)
+    distributions = wilinska2010.DISTRIBUTIONS
+    within_sd = TRUNCATION_SD
+
+
+def _variation(distribution: Normal | Uniform | Lognormal, within_sd: float) -> Variation:
+    if isinstance(distribution, Uniform):
+        half = (distribution.most - distribution.least) / 2.0
+        return Variation(
+            parameter=distribution.parameter, distribution="uniform", centre=distribution.least + half, spread=half
+        )
+    if isinstance(distribution, Normal):
+        reach = within_sd * distribution.sd
+        return Variation(
+            parameter=distribution.parameter,
+            distribution="normal",
+            centre=distribution.mean,
+            spread=distribution.sd,
+            lower=distribution.mean - reach if reach < distribution.mean else MIN_OF_MEAN * distribution.mean,
+            upper=distribution.mean + reach,
+        )
+    return Variation(
+        parameter=distribution.parameter,
+        distribution="lognormal",
+        centre=distribution.median,
+        spread_pct=100.0 * math.sqrt(math.expm1(distribution.sd_of_logarithm**2)),
+        lower=distribution.median * math.exp(-within_sd * distribution.sd_of_logarithm),
+        upper=distribution.median * math.exp(within_sd * distribution.sd_of_logarithm),
+    )
 
 
 @checked

@@ -13,9 +13,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jit, jnp
 from glucoloop.patients.hovorka.equations import MG_DL_PER_MMOL_L, HovorkaConstants, renal_excretion
 from glucoloop.patients.resting import shape_of_people
 
@@ -36,7 +34,7 @@ def _state(p: HovorkaConstants, Q1: jax.Array, insulin: jax.Array) -> jax.Array:
     return jnp.concatenate([jnp.stack([Q1, Q2, Q1 / p.glucose_volume_l]), insulin])
 
 
-@jax.jit
+@jit()
 def rest_under(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
     """Steady state `(9, ...)` under a constant infusion `(...)` of 0 or more."""
     u = jnp.broadcast_to(jnp.asarray(insulin_mU_min, float), shape_of_people(p, insulin_mU_min))
@@ -45,7 +43,7 @@ def rest_under(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
     return _state(p, p.glucose_at_rest(p.hepatic_production(x3), x1 * x2 / (p.k_12 + x2)), insulin)
 
 
-@jax.jit
+@jit()
 def infusion_for(p: HovorkaConstants, glucose_mg_dl: jax.Array) -> jax.Array:
     """Constant infusion `(...)` in mU/min under which plasma glucose rests at the given value, or NaN."""
     shape = shape_of_people(p, glucose_mg_dl)
@@ -56,7 +54,7 @@ def infusion_for(p: HovorkaConstants, glucose_mg_dl: jax.Array) -> jax.Array:
     return jnp.where(possible, p.k_e * p.insulin_volume_l * I, jnp.nan)
 
 
-@jax.jit
+@jit()
 def rest_at(p: HovorkaConstants, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Constant infusion `(...)` under which plasma glucose rests at the given value, and the state `(9, ...)` there.
 

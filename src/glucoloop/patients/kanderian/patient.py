@@ -20,37 +20,70 @@ closed-loop glucose control in individuals with type 1 diabetes", J. Diabetes Sc
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.meals.hovorka import HovorkaGut
-from glucoloop.patients.kanderian.parameters.kanderian2009 import CONSTANTS, NOMINAL, PEOPLE
+from glucoloop.patients.component import OperatingPoint
+from glucoloop.patients.kanderian.parameters.kanderian2009 import CONSTANTS, NOMINAL, people
 from glucoloop.patients.ode import OdePatient
-from glucoloop.patients.population import Population
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.settings import PATIENTS
-from glucoloop.patients.variation import refuse_not_positive
+from glucoloop.patients.variation import Distribution, refuse_not_positive
 from glucoloop.refusal import Refusal
 
-_NAME: Final = "kanderian-2009"
+if TYPE_CHECKING:
+    from glucoloop.patients.population import Population
+
 _UU_PER_MU: Final = 1000.0
 _ROUNDING: Final = 1e-9
 
 
-class KanderianPatient(OdePatient):
-    """A person of Kanderian et al.; states ``(I_sc, I_p, I_eff, G, G_isf)``."""
+class KanderianPatient(OdePatient, name="kanderian-2009"):
+    """The ten people of Kanderian et al. (2009), the Medtronic virtual patient; subcutaneous insulin.
 
+    States ``(I_sc, I_p, I_eff, G, G_isf)``.
+    """
+
+    timeless: ClassVar = True
+    sources = ("kanderian2009",)
+    operating_points = (
+        OperatingPoint(
+            "fasting-120", "person 1, held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h", glucose_mg_dl=120.0
+        ),
+    )
+    populations: ClassVar = {"kanderian2009": "the ten people of Kanderian et al. (2009), by name 1 to 10"}
+    pulse_mU_min = 20.0
     nominal: ClassVar = {constant.name: constant.value for constant in CONSTANTS}
+    meanings: ClassVar = {constant.name: constant.meaning for constant in CONSTANTS}
     near_rest = (11.0, 11.0, 0.009, 120.0, 120.0)
     near_basal_mU_min = 22.0
     insulin_route: ClassVar[str] = SUBCUTANEOUS
     sites: ClassVar[tuple[str, ...]] = ("plasma", "interstitial")
     insulin_sensitivity: ClassVar[tuple[str, ...]] = ("S_I",)
+
+    @classmethod
+    def population(cls, name: str) -> Population:
+        """The ten people."""
+        from glucoloop.patients.population import Population
+
+        return Population(name, (), cls.populations[name], cls.name, people())
+
+    @classmethod
+    def nominal_profile(cls) -> Mapping[str, float]:
+        """Known fields of person 1."""
+        return people().profile_of(NOMINAL)
+
+    @classmethod
+    def refuse_impossible(cls, varied: Mapping[str, Distribution]) -> None:
+        """Refuse distributions of constants that are not above 0."""
+        refuse_not_positive(varied)
+
+    @classmethod
+    def sound(cls, x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Whether insulin and glucose of states ``(5, ...)`` are possible: none is below zero."""
+        return jnp.all(x[:3] >= -_ROUNDING, axis=0), jnp.all(x[3:] >= -_ROUNDING, axis=0)
 
     @property
     def meal_model(self) -> HovorkaGut:
@@ -85,22 +118,3 @@ class KanderianPatient(OdePatient):
         if site not in self.sites:
             raise Refusal(f"glucose cannot be measured at {site!r}; the known sites are: {', '.join(self.sites)}")
         return x[3 + self.sites.index(site)]
-
-
-def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Whether insulin and glucose of states ``(5, ...)`` are possible: none is below zero."""
-    return jnp.all(x[:3] >= -_ROUNDING, axis=0), jnp.all(x[3:] >= -_ROUNDING, axis=0)
-
-
-def _populations() -> dict[str, Population]:
-    [(name, summary)] = PATIENTS[_NAME].populations.items()
-    return {name: Population(name, (), summary, _NAME, PEOPLE)}
-
-
-KANDERIAN_2009_MODEL: Final = dataclasses.replace(
-    KanderianPatient.model({"fasting-120": 120.0}, _populations),
-    refuse=refuse_not_positive,
-    profile=PEOPLE.profile_of(NOMINAL),
-    meanings={constant.name: constant.meaning for constant in CONSTANTS},
-    sound=sound,
-)

@@ -1,35 +1,104 @@
-"""Sorensen patient at steady state: constants, basal rate and initial state."""
+"""The patient of Parker, Doyle and Peppas (1999): Sorensen's 19 states, operating points and populations.
+
+Concentrations of insulin and glucagon never fall below zero. Glucose can, in these equations: brain, gut and red cells
+take up the same amount however little there is, so hours of too much insulin take even arterial glucose below zero.
+What can be promised follows from the balances. Transport of glucose only ever mixes: if arterial glucose has never been
+below m, the blood of the brain has never been below ``m - u_B / q_B``, its tissue not below ``m - u_B / q_B -
+u_B T_B / v_BI``, and the gut not below ``m - u_G / q_G``: what each takes up at steady state. Elsewhere uptake ends
+with glucose, which stays at zero or above as long as m is above what the gut takes up. Rates of uptake do not scale
+with body weight while flows and volumes do, so these distances are largest for the lightest person.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import ClassVar, Final
+import functools
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
-from glucoloop._pytree import pytree
-from glucoloop._representation import represented
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop.arguments import checked
+from glucoloop.component.setting import Default
+from glucoloop.patients.component import OperatingPoint, PatientComponent
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.resting import Rest, RestingPatient
+from glucoloop.patients.resting import Rest
 from glucoloop.patients.sorensen import equations as sorensen
-from glucoloop.patients.sorensen.equations import SorensenParameters
+from glucoloop.patients.sorensen.equations import INSULIN, STATE_NAMES, SorensenParameters
 from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
+from glucoloop.patients.sorensen.parameters.parker2000 import LARGEST_VARIATION_PCT, UNCERTAIN
 from glucoloop.patients.sorensen.rest import infusion_for, insulin_at_rest, rest_at, rest_under
-from glucoloop.patients.sorensen.varying import with_fasting_glucose
+from glucoloop.patients.sorensen.varying import (
+    ADULTS,
+    FOLLOWS,
+    MEANINGS,
+    NOMINAL,
+    REFERENCE_WEIGHT_KG,
+    STRENGTH,
+    WEIGHT,
+    refuse_impossible,
+    with_fasting_glucose,
+    with_values,
+)
+from glucoloop.patients.variation import Distribution, Variation
+
+if TYPE_CHECKING:
+    from glucoloop.patients.joint import JointVariation
 
 _WORKING_INSULIN: Final = 1.35
 """Insulin of the working state in basal rates, between rest and the delivery while a meal is absorbed."""
+_SPREAD_CV_PCT: Final = 20.0
+"""Coefficient of variation of the constants of the population ``lognormal``."""
+_AT_NOMINAL_22: Final = {
+    "reference_start": Default(0),
+    "glucose_process_noise": Default(10.0, noisy=0.9),
+    "other_process_noise": Default(0.01),
+    "glucagon_process_noise": Default(0.1, noisy=0.003),
+}
+_AT_FASTING_81: Final = {
+    "reference_start": Default(0),
+    "glucose_process_noise": Default(10.0, noisy=0.3),
+    "other_process_noise": Default(0.01, noisy=0.1),
+    "glucagon_process_noise": Default(0.1, noisy=0.03),
+}
+LIGHTEST_KG: Final = ADULTS.around(REFERENCE_WEIGHT_KG).lower
+"""Minimum weight of a person in the populations."""
+_ROUNDING: Final = 1e-9
+_INTEGRATION_MG_DL: Final = 0.1
+"""Integration error with two exponential steps per sample, on the way down to these bounds."""
+_GLUCAGON: Final = STATE_NAMES.index("N")
+_UPTAKE_ENDS: Final = tuple(STATE_NAMES.index(name) for name in ("G_L", "G_K", "G_PV", "G_PI"))
 
 
-@represented
-@pytree
-class SorensenPatient(RestingPatient[SorensenParameters]):
-    """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""
+class SorensenPatient(PatientComponent, name="parker-1999"):
+    """Sorensen's 19 states as Parker, Doyle and Peppas (1999) use them; intravenous insulin, 70 kg.
 
+    Implements `SemilinearPatient`.
+    """
+
+    timeless: ClassVar = True
+    sources = ("parker1999", "parker2000", "sorensen1985", "lehmann1992")
+    operating_points = (
+        OperatingPoint("setpoint-81", "held at 81.1 mg/dl by 25.61 mU/min"),
+        OperatingPoint(
+            "nominal-22", "22.33 mU/min, which hold 92.1 mg/dl", {"mpc-se": _AT_NOMINAL_22, "nlqdmc-se": _AT_NOMINAL_22}
+        ),
+        OperatingPoint(
+            "fasting-81",
+            "22.33 mU/min, which hold 81.2 mg/dl in a person whose healthy fasting glucose is 81 mg/dl",
+            {"mpc-se": _AT_FASTING_81, "nlqdmc-se": _AT_FASTING_81},
+        ),
+    )
+    populations: ClassVar = {
+        "parker2000": "up to 40 % in the eight parameters of Parker et al. (2000), uniform",
+        "lognormal": "the same eight, lognormal with a coefficient of variation of 20 %, and weight of 70 kg with 15 %",
+    }
+    pulse_mU_min = 22.33
+    nominal = NOMINAL
+    follows = FOLLOWS
+    meanings = MEANINGS
+    hint = (
+        "the known ones are the constants of the patient, such as F_LC or M_IHGP.inflection, the strength of an "
+        f"effect, such as M_IHGP.{STRENGTH}, and {WEIGHT}"
+    )
     rest: ClassVar[Rest] = Rest(
         under=rest_under,
         holding=infusion_for,
@@ -39,6 +108,52 @@ class SorensenPatient(RestingPatient[SorensenParameters]):
         beyond="glucose would rest at or below 0 mg/dl",
     )
     sites: ClassVar[tuple[str, ...]] = ("arterial", "interstitial")
+
+    @classmethod
+    def parameters_of(cls, values: Mapping[str, Any]) -> SorensenParameters:
+        """Constants as JAX has them; one that all people share is made once."""
+        parameters: SorensenParameters = jax.tree.map(_number, with_values(values))
+        return parameters
+
+    @classmethod
+    def at_operating_point(cls, name: str) -> SorensenPatient:
+        """The nominal person at one of `OPERATING_POINTS`."""
+        return OPERATING_POINTS[cls.point(name).name]()
+
+    @classmethod
+    def refuse_impossible(cls, varied: Mapping[str, Distribution]) -> None:
+        """Refuse distributions that can make an impossible person, see `varying.refuse_impossible`."""
+        refuse_impossible(varied)
+
+    @classmethod
+    def variations(cls, population: str) -> tuple[Variation | JointVariation, ...]:
+        """The eight uncertain constants of Parker et al. (2000); in the population ``lognormal`` weight too."""
+        if population == "parker2000":
+            return tuple(
+                Variation(parameter=entry.parameter, distribution="uniform", spread_pct=LARGEST_VARIATION_PCT)
+                if entry.half_width is None
+                else Variation(parameter=entry.parameter, distribution="uniform", spread=entry.half_width)
+                for entry in UNCERTAIN
+            )
+        lognormal = (
+            Variation(
+                parameter=entry.parameter,
+                distribution="lognormal",
+                spread_pct=_SPREAD_CV_PCT,
+                # insulin of the periphery could not be cleared beyond 0.243
+                upper=0.21 if entry.parameter == "F_PC" else None,
+            )
+            if entry.half_width is None
+            else Variation(parameter=entry.parameter, distribution="normal", spread=_SPREAD_CV_PCT / 100.0)
+            for entry in UNCERTAIN
+        )
+        return (*lognormal, ADULTS)
+
+    @classmethod
+    def sound(cls, x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Whether insulin and glucose of states ``(19, ...)`` are possible, by the minimum arterial glucose so far."""
+        insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0) & (x[_GLUCAGON] >= -_ROUNDING)
+        return insulin, _explained(x, lowest_mg_dl)
 
     @property
     def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
@@ -111,6 +226,30 @@ class SorensenPatient(RestingPatient[SorensenParameters]):
     def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
         """Nonlinear part of the glucose and regulation balances `(12, ...)`."""
         return sorensen.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
+
+
+def _explained(x: jax.Array, lowest_mg_dl: jax.Array) -> jax.Array:
+    """Whether glucose in every organ is within the bounds that follow from the minimum arterial glucose and uptake."""
+    n, heavier = NOMINAL, REFERENCE_WEIGHT_KG / LIGHTEST_KG
+    brain = heavier * n["brain_uptake"] / n["q_B"]
+    tissue = brain + heavier * n["brain_uptake"] * n["T_B"] / n["v_BI"]
+    gut = heavier * n["gut_uptake"] / n["q_G"]
+    least = lowest_mg_dl - _INTEGRATION_MG_DL
+    holds = (x[0] >= least - brain) & (x[1] >= least - tissue) & (x[3] >= least - gut)
+    for organ in _UPTAKE_ENDS:
+        holds = holds & (x[organ] >= jnp.minimum(least - gut, 0.0))
+    return holds
+
+
+@functools.cache
+def _shared(constant: float) -> jax.Array:
+    with jax.ensure_compile_time_eval():
+        return jnp.asarray(constant)
+
+
+def _number(value: Any) -> jax.Array:
+    """A constant as JAX has it; one that all people share is made once."""
+    return _shared(value) if isinstance(value, float) else jnp.asarray(value)
 
 
 @checked

@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jit, jnp
 from glucoloop.patients.resting import shape_of_people
 from glucoloop.patients.sorensen.equations import SorensenParameters, hepatic_balance, insulin_effects, renal_excretion
 
@@ -76,7 +74,7 @@ def _state(p: SorensenParameters, G_K: jax.Array, insulin_mU_min: jax.Array) -> 
     return jnp.concatenate([glucose, insulin, jnp.stack([A_IHGP, A_IHGU, N, A_NHGP])]), balance
 
 
-@jax.jit
+@jit()
 def rest_under(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Array:
     """Steady state `(19, ...)` under a constant infusion `(...)`; glucose may come out below zero."""
     shape = shape_of_people(p, insulin_mU_min)
@@ -86,14 +84,14 @@ def rest_under(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Array:
     return _state(p, G_K, insulin_mU_min)[0]
 
 
-@jax.jit
+@jit()
 def infusion_for(p: SorensenParameters, glucose_mg_dl: jax.Array) -> jax.Array:
     """Constant infusion `(...)` in mU/min under which arterial glucose rests at the given value, or NaN."""
     infusion: jax.Array = rest_at(p, glucose_mg_dl)[0]
     return infusion
 
 
-@jax.jit
+@jit()
 def rest_at(p: SorensenParameters, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Constant infusion `(...)` under which arterial glucose rests at the given value, and the state `(19, ...)` there.
 

@@ -37,8 +37,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-import jax
-
+from glucoloop._lazy_jax import jax
 from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
 from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
 from glucoloop.patients.variation import Distribution, Variation

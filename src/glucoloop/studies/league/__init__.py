@@ -15,7 +15,8 @@ from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, request_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.patients.settings import PATIENTS, PatientComponent
+from glucoloop.patients.catalogue import PATIENTS
+from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS, SensorComponent
 from glucoloop.situations.case import Case, cases_of, label_of

@@ -9,7 +9,8 @@ from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import ANNOUNCEMENTS
 from glucoloop.component.request import Request, requested
-from glucoloop.patients.settings import PatientComponent, patient_entry
+from glucoloop.patients.catalogue import patient_entry
+from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.option import Option
@@ -55,24 +56,21 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
         patient = values["patient"] if twin is None else _person(twin)
         return super().resolved({**values, "announce_meals": not values["unannounced"], "patient": patient})
 
-    def twin_values(self) -> dict[str, Any]:
-        """Plain values of the twin; Refusal where there are none."""
-        if self.twin is None:
-            raise Refusal("no twin is given; give the folder of `glucoloop twin`, like --twin twin")
-        return _twin_values(self.twin)
-
 
 def _person(twin: str) -> Request[PatientComponent]:
     """A twin as the one person of its family."""
-    family = _twin_values(twin).get("patient")
+    family = twin_values(twin).get("patient")
     if not isinstance(family, str):
         raise Refusal(f"{twin} holds no twin; give the folder of `glucoloop twin`")
     return requested(patient_entry(family), {"person": f"{twin}/{_PERSON}"}, alias=family)
 
 
-def _twin_values(twin: str) -> dict[str, Any]:
+def twin_values(twin: str | None) -> dict[str, Any]:
+    """Plain values of a twin from the folder that holds it; Refusal where there are none."""
     from glucoloop.storage.files import read_text
 
+    if twin is None:
+        raise Refusal("no twin is given; give the folder of `glucoloop twin`, like --twin twin")
     place = Path(twin) / _SUMMARY
     if not place.is_file():
         raise Refusal(f"{twin} holds no {_SUMMARY}; give the folder of `glucoloop twin`")

@@ -33,7 +33,7 @@ from glucoloop.simulation.plant import SampleGrid
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
 from glucoloop.storage.results import Results
-from glucoloop.studies.replay import ReplayRequest
+from glucoloop.studies.replay import ReplayRequest, twin_values
 from glucoloop.studies.twin.study import days_of
 from glucoloop.text import how_many
 from glucoloop.trials.blocks import block_size, in_blocks
@@ -94,9 +94,9 @@ class _Replayed:
 
 def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Results:
     """Replay the record under each controller; Refusal for one that cannot be designed."""
-    kept = config.twin_values()
+    values = twin_values(config.twin)
     try:
-        twin = StoredTwin.of(kept)
+        twin = StoredTwin.of(values)
     except Refusal as error:
         raise error.within(str(config.twin)) from None
     days = days_of(config)

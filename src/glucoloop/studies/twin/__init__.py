@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Final
 from glucoloop.component.base import Component
 from glucoloop.component.grammar import Tree
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.patients.settings import patient_entry
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy

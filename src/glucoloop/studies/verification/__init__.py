@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Final, Literal
 from glucoloop.component.base import Component
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN

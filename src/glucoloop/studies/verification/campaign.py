@@ -37,9 +37,8 @@ from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, Episodes, Fa
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.metrics.promises import PROMISES, Caps, Promises
-from glucoloop.patients.model import patient_model
+from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS, patient_entry
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
-from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.table import REPLACED
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
@@ -193,11 +192,11 @@ class _RandomFaults:
     def _around(self, kind: str, inner: Any, person: int | None, limits: DoseLimits | None = None) -> Any:
         """A sensor or pump with one kind of fault around it, whose numbers are those of people."""
         entry = _entry(kind)
-        usual = put_around(inner, completed(Request(entry, self.order.shared[kind])), SAMPLE_MIN, limits)
+        around = put_around(inner, completed(Request(entry, self.order.shared[kind])), SAMPLE_MIN, limits)
         values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
         if entry.idle:
             values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
-        return usual.replaced(**values, **({"episodes": episodes} if "episodes" in usual.derived_names() else {}))
+        return around.replaced(**values, **({"episodes": episodes} if "episodes" in around.derived_names() else {}))
 
     def texts(self, person: int) -> list[str]:
         """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""
@@ -306,13 +305,13 @@ def _horizon_min(controller: str) -> float:
 
 def trial_of(config: Verification, controller: str) -> Trial:
     """The situation of a controller's loops as a trial, whose people, meals and faults are those of the campaign."""
-    given = {
+    settings = {
         "patient": PATIENTS.parse(config.patient),
         "seed": config.seed,
         "duration_min": _horizon_min(controller),
         "meals": (),
     }
-    return completed(Request(Trial, given))
+    return completed(Request(Trial, settings))
 
 
 def catalogue_controller(
@@ -373,7 +372,7 @@ class _WatchedLoops:
             controller,
             Promises(
                 limits=trial.limits,
-                sound=patient_model(trial.patient.display_name).sound,
+                sound=patient_entry(trial.patient.display_name).sound,
                 caps=None if guard is None else Caps(settings=guard, limits=trial.limits),
             ),
             _draw_people(trial.seed, np.arange(2), trial.patient.text),

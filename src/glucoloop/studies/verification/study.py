@@ -13,7 +13,7 @@ from typing import Any, Final
 import polars as pl
 
 from glucoloop.metrics.promises import OF_CONTROLLER, PROMISES
-from glucoloop.patients.settings import PATIENTS
+from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.reporting.descriptions import engine_notes

@@ -16,12 +16,15 @@ closed-loop glucose control in individuals with type 1 diabetes", J. Diabetes Sc
 
 from __future__ import annotations
 
-from typing import Final
+import functools
+from typing import TYPE_CHECKING, Final
 
-from glucoloop.meals.scenario import Meal
 from glucoloop.patients.provenance import Constant
-from glucoloop.patients.table import PeopleTable
 from glucoloop.units import MIN_PER_H
+
+if TYPE_CHECKING:
+    from glucoloop.meals.scenario import Meal
+    from glucoloop.patients.table import PeopleTable
 
 SOURCE: Final = "Kanderian et al. 2009, J. Diabetes Sci. Technol. 3(5), table of the ten people"
 _TIMES_H: Final = {"breakfast": 7.0, "lunch": 12.0, "dinner": 18.0, "supper": 22.0}
@@ -64,22 +67,31 @@ def _time_to_peak(name: str) -> float:
     return sum(carbs * minutes for carbs, minutes in eaten) / sum(carbs for carbs, _ in eaten)
 
 
-def _day(name: str) -> tuple[Meal, ...]:
-    times = (MIN_PER_H * hours for hours in _TIMES_H.values())
-    return tuple(
-        Meal(float(meal[0]), t_min) for meal, t_min in zip(_MEALS[name], times, strict=False) if meal is not None
+_VALUES: Final = {
+    **{name: _COLUMNS[name] for name in _COLUMNS if name != _DAILY_DOSE},
+    "tau_m": tuple(map(_time_to_peak, _PEOPLE)),
+}
+
+
+@functools.cache
+def people() -> PeopleTable:
+    """The ten people; making the table imports JAX."""
+    from glucoloop.meals.scenario import Meal
+    from glucoloop.patients.table import PeopleTable
+
+    def day(name: str) -> tuple[Meal, ...]:
+        times = (MIN_PER_H * hours for hours in _TIMES_H.values())
+        meals = zip(_MEALS[name], times, strict=False)
+        return tuple(Meal(float(meal[0]), t_min) for meal, t_min in meals if meal is not None)
+
+    return PeopleTable(
+        names=tuple(_PEOPLE),
+        values=_VALUES,
+        profile={_DAILY_DOSE: _COLUMNS[_DAILY_DOSE]},
+        meals=tuple(map(day, _PEOPLE)),
     )
 
 
-PEOPLE: Final = PeopleTable(
-    names=tuple(_PEOPLE),
-    values={
-        **{name: _COLUMNS[name] for name in _COLUMNS if name != _DAILY_DOSE},
-        "tau_m": tuple(map(_time_to_peak, _PEOPLE)),
-    },
-    profile={_DAILY_DOSE: _COLUMNS[_DAILY_DOSE]},
-    meals=tuple(map(_day, _PEOPLE)),
-)
 NOMINAL: Final = "1"
 """Person who is the nominal patient."""
 _UNITS: Final = {
@@ -96,7 +108,7 @@ _UNITS: Final = {
 }
 CONSTANTS: Final = (
     *(
-        Constant(name, PEOPLE.values[name][PEOPLE.names.index(NOMINAL)], unit, meaning, SOURCE)
+        Constant(name, _VALUES[name][list(_PEOPLE).index(NOMINAL)], unit, meaning, SOURCE)
         for name, (unit, meaning) in _UNITS.items()
     ),
     Constant("tau_sensor", 10.0, "min", "lag of glucose in tissue behind plasma", SOURCE),
