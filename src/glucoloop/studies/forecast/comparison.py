@@ -16,7 +16,7 @@ FUTURES: Final = {True: "known", False: "unknown"}
 """Name of what a forecast knows of meals and boluses of the user to come."""
 
 
-class Cell(NamedTuple):
+class PersonErrors(NamedTuple):
     """Forecasts of one person, by one method, with one future, at one horizon."""
 
     person: str
@@ -46,7 +46,7 @@ class Cell(NamedTuple):
         }
 
 
-def pooled_rows(cells: Sequence[Cell]) -> Iterator[dict[str, Any]]:
+def pooled_rows(cells: Sequence[PersonErrors]) -> Iterator[dict[str, Any]]:
     """Numbers over all people of each method, future and horizon."""
     for (method, future, horizon), alike in _grouped(cells):
         rows = [cell.row() for cell in alike]
@@ -71,7 +71,7 @@ def pooled_rows(cells: Sequence[Cell]) -> Iterator[dict[str, Any]]:
         }
 
 
-def differences(cells: Sequence[Cell], first: str) -> Iterator[dict[str, Any]]:
+def differences(cells: Sequence[PersonErrors], first: str) -> Iterator[dict[str, Any]]:
     """Root mean squared error of each other method less that of the first one, paired by person.
 
     The interval of 95 % is a bootstrap over people; where there is one person, over the days held out.
@@ -96,9 +96,9 @@ def differences(cells: Sequence[Cell], first: str) -> Iterator[dict[str, Any]]:
         }
 
 
-def _grouped(cells: Iterable[Cell]) -> list[tuple[tuple[str, str, str], list[Cell]]]:
+def _grouped(cells: Iterable[PersonErrors]) -> list[tuple[tuple[str, str, str], list[PersonErrors]]]:
     """Cells of all people by method, future and horizon, in the order of the first of each."""
-    groups: dict[tuple[str, str, str], list[Cell]] = {}
+    groups: dict[tuple[str, str, str], list[PersonErrors]] = {}
     for cell in cells:
         groups.setdefault((cell.method, cell.future, cell.horizon), []).append(cell)
     return list(groups.items())
@@ -114,7 +114,7 @@ def _over_people(differences: npt.NDArray[np.float64]) -> tuple[float, float]:
     return _interval(differences[_draws(differences.size)].mean(axis=1))
 
 
-def _over_days(cell: Cell, first: Cell) -> tuple[float | None, float | None]:
+def _over_days(cell: PersonErrors, first: PersonErrors) -> tuple[float | None, float | None]:
     """Interval of 95 % of the difference of one person over days; none for fewer than two days with readings."""
     day = cell.errors.day
     days = np.unique(day)

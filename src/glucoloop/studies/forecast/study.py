@@ -20,7 +20,7 @@ from glucoloop.reporting.days_figure import DayTraces, days_plot
 from glucoloop.reporting.template import render
 from glucoloop.storage.results import Results
 from glucoloop.studies.forecast import ForecastRequest
-from glucoloop.studies.forecast.comparison import FUTURES, Cell, differences, pooled_rows
+from glucoloop.studies.forecast.comparison import FUTURES, PersonErrors, differences, pooled_rows
 from glucoloop.studies.record_report.sources import RecordSource, records, sources_of
 from glucoloop.text import how_many
 from glucoloop.units import MIN_PER_DAY
@@ -64,7 +64,7 @@ class _Extra(NamedTuple):
     """Results from which the page is made."""
 
     people: list[_Person]
-    cells: list[Cell]
+    cells: list[PersonErrors]
     unread: list[tuple[str, str]]
 
 
@@ -75,7 +75,12 @@ def amount(config: ForecastRequest) -> int:
 
 def results_of(config: ForecastRequest, progress: Callable[[int], None]) -> Results:
     """Fit each method to the first days of each record, and forecast the others; Refusal where none can be."""
-    people, cells, unread, not_read = list[_Person](), list[Cell](), list[tuple[str, str]](), list[dict[str, str]]()
+    people, cells, unread, not_read = (
+        list[_Person](),
+        list[PersonErrors](),
+        list[tuple[str, str]](),
+        list[dict[str, str]](),
+    )
     left_out: dict[str, list[str]] = {}
     for source in sources_of(config):
         try:
@@ -149,9 +154,9 @@ def _refuse_few_readings(person: _Person) -> None:
         raise Refusal("none of the days held out has 24 readings or more; hold out more days")
 
 
-def _cells_of(person: _Person, config: ForecastRequest) -> tuple[list[Cell], list[str]]:
+def _cells_of(person: _Person, config: ForecastRequest) -> tuple[list[PersonErrors], list[str]]:
     """Forecasts of a person by each method, and why some methods cannot forecast."""
-    cells, refused = list[Cell](), list[str]()
+    cells, refused = list[PersonErrors](), list[str]()
     training = person.record.of_days(0, person.first_day)
     for method in config.methods:
         try:
@@ -164,7 +169,7 @@ def _cells_of(person: _Person, config: ForecastRequest) -> tuple[list[Cell], lis
                 predictor, person.record, person.first_day, config.horizons_min, future_known=known
             )
             cells += [
-                Cell(person.label, _label_of(method), future, horizon, errors)
+                PersonErrors(person.label, _label_of(method), future, horizon, errors)
                 for horizon, errors in by_horizon.items()
                 if errors.t_min.size
             ]
@@ -178,7 +183,7 @@ def _label_of(method: ForecastMethod) -> str:
     return component_text(method.tree())
 
 
-def _forecast_table(cell: Cell) -> pl.DataFrame:
+def _forecast_table(cell: PersonErrors) -> pl.DataFrame:
     errors = cell.errors
     names = {"person": cell.person, "method": cell.method, "future": cell.future, "horizon": cell.horizon}
     values = pl.DataFrame(
