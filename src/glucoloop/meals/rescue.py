@@ -33,7 +33,7 @@ class RescueState:
 
 
 class RescueComponent(PytreeComponent):
-    """What a person eats against low glucose: a component with the members of `RescueCarbs`."""
+    """Carbohydrate that a person eats against low glucose: a component with the members of `RescueCarbs`."""
 
     kind: ClassVar = "rescue"
 
