@@ -54,6 +54,8 @@ from glucoloop.patients import Patient as Patient
 from glucoloop.patients import PatientComponent as PatientComponent
 from glucoloop.patients import Population as Population
 from glucoloop.patients import Variation as Variation
+from glucoloop.physiology.rhythm import Changes as Changes
+from glucoloop.physiology.rhythm import RhythmComponent as RhythmComponent
 from glucoloop.pumps.limits import BolusLimits as BolusLimits
 from glucoloop.pumps.limits import DoseLimits as DoseLimits
 from glucoloop.pumps.limits import LimitedPump as LimitedPump

@@ -14,9 +14,7 @@ from __future__ import annotations
 import hashlib
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import np, npt
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.refusal import Refusal
 

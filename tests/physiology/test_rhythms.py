@@ -1,5 +1,7 @@
 """Rhythms: the published periods, factors and probabilities, people and days of their own, and what is refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 import glucoloop as gl
 from glucoloop.physiology.dawn import Dawn
-from glucoloop.physiology.protocol import changes_of
+from glucoloop.physiology.rhythm import changes_of
 from glucoloop.physiology.visentin2015 import FACTORS, PROBABILITIES, Visentin2015, patterns_of
 
 PEOPLE = np.arange(20_000)
@@ -83,3 +85,17 @@ def test_a_rhythm_is_a_part():
     ):
         with pytest.raises(ValueError, match=told):
             gl.rhythm(text)
+
+
+def test_a_rhythm_of_ones_own_changes_a_run(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    night = gl.rhythm("your_own_rhythm:Night, factor=0.5")
+    patient, controller = (
+        gl.patient("hovorka-2004"),
+        gl.design_open_loop(gl.patient("hovorka-2004").basal_insulin_mU_min),
+    )
+    with_rhythm = gl.simulate(patient, controller, scenario=gl.Scenario([], 1440.0, rhythms=[night]))
+    assert float(with_rhythm.glucose_mg_dl[0]) == pytest.approx(120.0)
+    assert float(with_rhythm.glucose_mg_dl[-1]) > 130.0
+    with pytest.raises(ValueError, match=r"factor is 2, but must be above 0 and at most 1|factor"):
+        gl.rhythm("your_own_rhythm:Night, factor=2")

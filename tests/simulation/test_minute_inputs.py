@@ -109,7 +109,7 @@ def test_sensitivity_of_one_half_is_a_patient_of_half_the_sensitivity():
     @dataclasses.dataclass(frozen=True)
     class Half:
         def changes(self, clock_min, seed, person):
-            from glucoloop.physiology.protocol import Changes
+            from glucoloop.physiology.rhythm import Changes
 
             return Changes(sensitivity=np.full((len(clock_min), len(person)), 0.5))
 

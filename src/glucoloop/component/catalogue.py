@@ -30,7 +30,7 @@ HOMES: Final = {
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
-    "rhythm": "glucoloop.physiology.settings:RHYTHMS",
+    "rhythm": "glucoloop.physiology.rhythm:RHYTHMS",
     "metric": "glucoloop.metrics.catalogue:METRICS",
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
@@ -125,8 +125,8 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
                 raise Refusal(f"{plain(tree)!r} is no {self._base.kind}; give a text like {self.example!r}, or a table")
             name = plain(tree.get(NAME, self.default if self.unnamed else None))
             if not isinstance(name, str) or not name:
-                given = f"no {self._base.kind} is named" if name is None else f"{name!r} names no {self._base.kind}"
-                raise Refusal(f"{given}; begin with its name, like {self.example!r}")
+                problem = f"no {self._base.kind} is named" if name is None else f"{name!r} names no {self._base.kind}"
+                raise Refusal(f"{problem}; begin with its name, like {self.example!r}")
             component = self.find(name)
         except Refusal as error:
             raise error.within(source) from None

@@ -9,14 +9,20 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from glucoloop._disk_cache import kept_result
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import is_traced
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel
+
+NEVER_MIN: Final = 1e12
+"""Time of a jump that is in no sample."""
 
 
 @pytree
@@ -39,7 +45,7 @@ class LinearAbsorption:
 
     def at_sample(self, index: jax.Array, substeps: int, step_min: float) -> tuple[jax.Array, jax.Array]:
         """The same of the coming sample, which has the number `index`, and the state of the gut after it."""
-        after, moments = _digested(self, index * substeps, substeps, step_min)
+        after, moments, _ = _digested(self, index * substeps, substeps, step_min)
         return moments, after
 
     def emptying_mg_min(self, samples: int, sample_time_min: float) -> jax.Array:
@@ -66,6 +72,75 @@ def _answers(model: LinearMealModel, jumps: Jumps, t_min: jax.Array, counts: jax
     """State of a meal model at a time, the sum of its answers to those jumps before it that count."""
     answers = model.propagator(jnp.maximum(t_min - jumps.t_min, 0.0))[:, -jumps.size.shape[0] :]
     return jnp.sum(jnp.where(counts, jumps.size * answers, 0.0), axis=(1, 2))
+
+
+@pytree
+class SampleMeals:
+    """Meals as a linear gut meets them in one sample: its state before it, and the jumps inside it.
+
+    What was eaten before is in the state, so that the appearance at a moment takes no longer after days of meals.
+    """
+
+    start_min: jax.Array
+    """Start of the sample."""
+    state: jax.Array
+    """(states, ...) state before the sample."""
+    jumps: Jumps
+    """Jumps of the sample; those of no size are at `NEVER_MIN`."""
+
+    def appearance_mg_min(self, t_min: jax.Array, model: LinearMealModel) -> jax.Array:
+        """Rate at which glucose from meals appears in the blood, at a time in the sample."""
+        of_state = jnp.sum(model.propagator(t_min - self.start_min)[0] * self.state, axis=0)
+        return of_state + _answers(model, self.jumps, t_min, self.jumps.t_min <= t_min)[0]
+
+
+def meals_of_samples(absorption: LinearAbsorption, samples: int, sample_time_min: float) -> SampleMeals:
+    """Meals of every sample of a run, with an axis of samples before all others.
+
+    Each jump is taken once, in the sample in which it lies; a transformation by JAX looks at all of them in each.
+    """
+    states, jumps = _states_of_run(absorption, samples, sample_time_min), absorption.jumps
+    start_min = sample_time_min * jnp.arange(samples)
+    if is_traced(jumps):
+        return jax.vmap(lambda k, state: _in_sample(absorption, k, state, sample_time_min))(jnp.arange(samples), states)
+    t_min, size = np.asarray(jumps.t_min), np.asarray(jumps.size)
+    people = t_min.shape[1:]
+    t_min, size = t_min.reshape(-1, math.prod(people)), size.reshape(size.shape[0], -1, math.prod(people))
+    number = np.floor(t_min / sample_time_min).astype(int)
+    jump, person = np.nonzero((number >= 0) & (number < samples))
+    sample = number[jump, person]
+    order = np.lexsort((jump, person, sample))
+    sample, jump, person = sample[order], jump[order], person[order]
+    first = np.append(True, (np.diff(sample) != 0) | (np.diff(person) != 0))[: sample.size]
+    place = np.arange(sample.size) - np.maximum.accumulate(np.where(first, np.arange(sample.size), 0))
+    most = int(place.max(initial=-1)) + 1
+    times = np.full((samples, most, t_min.shape[1]), NEVER_MIN)
+    sizes = np.zeros((samples, size.shape[0], most, t_min.shape[1]))
+    times[sample, place, person] = t_min[jump, person]
+    sizes[sample, :, place, person] = size[:, jump, person].T
+    return SampleMeals(
+        start_min=start_min,
+        state=states,
+        jumps=Jumps(
+            t_min=jnp.asarray(times.reshape(samples, most, *people)),
+            size=jnp.asarray(sizes.reshape(samples, size.shape[0], most, *people)),
+        ),
+    )
+
+
+def meals_of_sample(absorption: LinearAbsorption, index: jax.Array, sample_time_min: float) -> SampleMeals:
+    """Meals of the coming sample, which has the number `index`."""
+    return _in_sample(absorption, index, absorption.state, sample_time_min)
+
+
+def _in_sample(absorption: LinearAbsorption, index: jax.Array, state: jax.Array, sample_time_min: float) -> SampleMeals:
+    jumps = absorption.jumps
+    inside = jnp.floor(jumps.t_min / sample_time_min).astype(int) == index
+    return SampleMeals(
+        start_min=index * sample_time_min,
+        state=state,
+        jumps=Jumps(t_min=jnp.where(inside, jumps.t_min, NEVER_MIN), size=jnp.where(inside, jumps.size, 0.0)),
+    )
 
 
 def appearance_mg_min(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
@@ -158,10 +233,18 @@ def _moments_of_run(absorption: LinearAbsorption, samples: int, substeps: int, s
     return moments.reshape(samples, substeps, *moments.shape[1:])
 
 
+@functools.partial(jax.jit, static_argnames=("samples", "sample_time_min"))
+def _states_of_run(absorption: LinearAbsorption, samples: int, sample_time_min: float) -> jax.Array:
+    return _digested(absorption, 0, samples, sample_time_min)[2]
+
+
 def _digested(
     absorption: LinearAbsorption, first: jax.Array | int, steps: int, step_min: float
-) -> tuple[jax.Array, jax.Array]:
-    """State of the gut after steps of which the first has a number, and the moments ``(steps, 3, ...)`` over them."""
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """State of the gut after steps of which the first has a number, and moments and states of each.
+
+    The moments ``(steps, 3, ...)`` are over the steps, and the states ``(steps, states, ...)`` before them.
+    """
     model, jumps, people = absorption.model, absorption.jumps, absorption.jumps.t_min.shape[1:]
     digestion, states, width = linear_digestion(model, 1, step_min), absorption.state.shape[0], math.prod(people)
     number = jnp.floor(jumps.t_min / step_min).astype(int)
@@ -176,12 +259,16 @@ def _digested(
         matrix.reshape(*matrix.shape[:2], -1) for matrix in (digestion.of_moments, digestion.transition)
     )
 
-    def step(state: jax.Array, inside: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def step(state: jax.Array, inside: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         moments = jnp.sum(of_moments * state, axis=1) + inside[:MOMENTS]
-        return jnp.sum(transition * state, axis=1) + inside[MOMENTS:], moments
+        return jnp.sum(transition * state, axis=1) + inside[MOMENTS:], (moments, state)
 
-    after, moments = jax.lax.scan(step, absorption.state.reshape(states, width), table)
-    return after.reshape(states, *people), moments.reshape(steps, MOMENTS, *people)
+    after, (moments, before) = jax.lax.scan(step, absorption.state.reshape(states, width), table)
+    return (
+        after.reshape(states, *people),
+        moments.reshape(steps, MOMENTS, *people),
+        before.reshape(steps, states, *people),
+    )
 
 
 def added_by_jump(model: LinearMealModel, since_min: jax.Array, size: jax.Array, step_min: float) -> jax.Array:

@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import is_traced
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.moments import moments_of_steps, moments_of_values, points_of_sample
 from glucoloop.meals.protocol import Eaten, OdeMealModel
@@ -109,20 +110,40 @@ class OdeAbsorption:
 
     def moments(self, samples: int, substeps: int, step_min: float) -> jax.Array:
         """Moments of the appearance over every step of a run, ``(samples, substeps, 3, ...)``."""
-        moments: jax.Array = _course(self, samples, substeps, substeps * step_min)[1]
+        sample_time_min = substeps * step_min
+        moments: jax.Array = _course(self, self.eaten_in_run(samples, sample_time_min), substeps, sample_time_min)[1]
         return moments
 
     def at_sample(self, index: jax.Array, substeps: int, step_min: float) -> tuple[jax.Array, jax.Array]:
         """The same of the coming sample, which has the number `index`, and the state of the gut after it."""
         digestion = OdeDigestion(model=self.model, substeps=substeps, sample_time_min=substeps * step_min)
-        first = index * digestion.points
-        points = eaten_of(self.eaten, first + jnp.arange(digestion.points), digestion.sample_time_min)
-        after, moments = digestion.sample(self.state, points)
+        after, moments = digestion.sample(self.state, self.eaten_in_sample(index, digestion.sample_time_min))
         return moments, after
+
+    def eaten_in_sample(self, index: jax.Array, sample_time_min: float) -> jax.Array:
+        """Amounts that are eaten in the points of a sample, see `eaten_of`."""
+        points = points_of_sample(sample_time_min)
+        return eaten_of(self.eaten, index * points + jnp.arange(points), sample_time_min)
+
+    def eaten_in_run(self, samples: int, sample_time_min: float) -> jax.Array:
+        """The same of all samples of a run, ``(samples, points, 2, ...)``.
+
+        Each meal is taken once, at the points in which it is eaten; a transformation by JAX looks at all meals in each
+        sample.
+        """
+        if is_traced(self.eaten):
+            each: jax.Array = jax.lax.map(lambda k: self.eaten_in_sample(k, sample_time_min), jnp.arange(samples))
+            return each
+        points, shape = points_of_sample(sample_time_min), self.eaten.carbs_g.shape
+        flat = jax.tree.map(
+            lambda part: np.broadcast_to(part, shape).reshape(shape[0], math.prod(shape[1:])), self.eaten
+        )
+        eaten = eaten_in_points(flat, samples * points, sample_time_min / points)
+        return jnp.asarray(eaten.dense().reshape(samples, points, 2, *shape[1:]))
 
     def emptying_mg_min(self, samples: int, sample_time_min: float) -> jax.Array:
         """Rate at which the stomach empties at every sample of a run, ``(samples, ...)``."""
-        states: jax.Array = _course(self, samples, 1, sample_time_min)[0]
+        states: jax.Array = _course(self, self.eaten_in_run(samples, sample_time_min), 1, sample_time_min)[0]
         return jax.vmap(self.model.emptying_mg_min)(states)
 
 
@@ -134,15 +155,16 @@ def absorb_by_equations(model: OdeMealModel, eaten: Eaten) -> OdeAbsorption:
     return OdeAbsorption(model=model, eaten=meals, state=jnp.broadcast_to(spread, (state.shape[0], *people)))
 
 
-@functools.partial(jax.jit, static_argnums=(1, 2, 3))
-def _course(absorption: OdeAbsorption, samples: int, substeps: int, sample_time_min: float) -> Any:
+@functools.partial(jax.jit, static_argnums=(2, 3))
+def _course(absorption: OdeAbsorption, eaten: jax.Array, substeps: int, sample_time_min: float) -> Any:
     """State before every sample of a run, and the moments over its steps."""
+    digestion = OdeDigestion(model=absorption.model, substeps=substeps, sample_time_min=sample_time_min)
 
-    def one(state: jax.Array, index: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        moments, after = absorption.goes_on(state).at_sample(index, substeps, sample_time_min / substeps)
+    def one(state: jax.Array, points: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        after, moments = digestion.sample(state, points)
         return after, (state, moments)
 
-    return jax.lax.scan(one, absorption.state, jnp.arange(samples))[1]
+    return jax.lax.scan(one, absorption.state, eaten)[1]
 
 
 def eaten_of(eaten: Eaten, number: Any, sample_time_min: float) -> jax.Array:

@@ -21,7 +21,7 @@ from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.physiology.exercise import Exercise, exercise_in_order
-from glucoloop.physiology.protocol import Rhythm
+from glucoloop.physiology.rhythm import Rhythm
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import GLUCOSE, SETPOINT, refuse_unusual
 from glucoloop.units import MIN_PER_DAY

@@ -16,33 +16,37 @@ R. Visentin, E. Campos-Náñez, M. Schiavon, D. Lv, M. Vettoretti, M. Breton, B.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
-import numpy.typing as npt
-
-from glucoloop.physiology.protocol import Changes, Floats
+from glucoloop._lazy_jax import np, npt
+from glucoloop.component.setting import About
+from glucoloop.physiology.rhythm import Changes, Floats, RhythmComponent
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
 
-@dataclass(frozen=True)
-class Dawn:
-    """Production that rises and falls back every morning, the same in all people; implements `Rhythm`.
+class Dawn(RhythmComponent, name="dawn"):
+    """Production of glucose by the liver that rises before dawn, of Mallad et al. (2015).
 
-    Parameters
-    ----------
-    rise_mg_kg_min : float
-        Production that is added at the end of the rise.
-    from_min, to_min : float
-        Times of day at which it begins and stops rising.
-    fall_min : float
-        Time in which it falls back.
+    It falls back every morning, the same in all people.
     """
 
-    rise_mg_kg_min: float = 1.5
-    from_min: float = 180.0
-    to_min: float = 420.0
-    fall_min: float = 120.0
+    sources = ("mallad2015", "visentin2018")
+    rise_mg_kg_min: Annotated[float, About("Rise of production at its end, in mg/kg/min.", above=0.0, at_most=10.0)] = (
+        1.5
+    )
+    from_min: Annotated[float, About("Time of day at which it begins to rise.", at_least=0.0, below=MIN_PER_DAY)] = (
+        180.0
+    )
+    to_min: Annotated[float, About("Time of day at which it stops rising.", above=0.0, below=MIN_PER_DAY)] = 420.0
+    fall_min: Annotated[float, About("Time in which it falls back afterwards.", at_least=1.0, at_most=720.0)] = 120.0
+
+    def __post_init__(self) -> None:
+        if not self.from_min < self.to_min or not self.to_min + self.fall_min <= MIN_PER_DAY:
+            raise Refusal(
+                f"a dawn from {self.from_min:g} to {self.to_min:g} min that falls for {self.fall_min:g} min is not "
+                f"possible; give times in their order, of which the last is at most {MIN_PER_DAY:g} min"
+            )
 
     def changes(self, clock_min: Floats, seed: int, person: npt.NDArray[np.int64]) -> Changes:
         """Added production ``(n, people)``."""

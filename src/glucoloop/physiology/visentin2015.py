@@ -16,14 +16,11 @@ physiological input for in silico artificial pancreas", Diabetes Technol. Ther. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final, Literal
 
-import numpy as np
-import numpy.typing as npt
-from scipy.special import ndtr, ndtri
-
-from glucoloop.physiology.protocol import Changes, Floats
+from glucoloop._lazy_jax import np, npt, scipy
+from glucoloop.component.setting import About
+from glucoloop.physiology.rhythm import Changes, Floats, RhythmComponent
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY
 
@@ -34,20 +31,21 @@ FACTORS: Final = {"h": 1.0, "l": 0.4}
 _WITHIN_SD: Final = 3.0
 
 
-@dataclass(frozen=True)
-class Visentin2015:
-    """The rhythm of a pattern, or of the one that each person draws; implements `Rhythm`.
+class Visentin2015(RhythmComponent, name="visentin-2015"):
+    """Sensitivity to insulin in one of seven patterns over the day, of Visentin et al. (2015), and daily noise."""
 
-    Parameters
-    ----------
-    pattern : str
-        One of `PROBABILITIES`, or ``"drawn"``.
-    day_spread_pct : float
-        Standard deviation of the daily factor, in percent; 0 for days that are alike.
-    """
-
-    pattern: str = "drawn"
-    day_spread_pct: float = 20.0
+    sources = ("visentin2015",)
+    pattern: Annotated[
+        Literal["drawn", "hhh", "hhl", "hlh", "hll", "lhh", "lhl", "llh"],
+        About(
+            "Sensitivity in the morning, the afternoon and the evening, high or low; drawn: by the published "
+            "probabilities for each person."
+        ),
+    ] = "drawn"
+    day_spread_pct: Annotated[
+        float,
+        About("Standard deviation of sensitivity from day to day, drawn for each period.", at_least=0.0, at_most=30.0),
+    ] = 20.0
 
     def changes(self, clock_min: Floats, seed: int, person: npt.NDArray[np.int64]) -> Changes:
         """Factors on sensitivity ``(n, people)``."""
@@ -59,10 +57,10 @@ class Visentin2015:
         periods, which = np.unique(number, return_inverse=True)
         factors = levels[:, (periods - 1) % 3].T
         if self.day_spread_pct > 0.0:
-            below = ndtr(-_WITHIN_SD)
+            below = scipy.special.ndtr(-_WITHIN_SD)
             for row, period in enumerate(periods):
                 uniform = uniforms(seed, "sensitivity of a period", person, int(period))
-                deviation = ndtri(below + (1.0 - 2.0 * below) * uniform)
+                deviation = scipy.special.ndtri(below + (1.0 - 2.0 * below) * uniform)
                 factors[row] *= 1.0 + self.day_spread_pct / 100.0 * deviation
         return Changes(sensitivity=factors[which])
 

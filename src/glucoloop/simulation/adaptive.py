@@ -6,7 +6,6 @@ what it remembers jumps there.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,10 +18,9 @@ import lazy_loader
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.meals.absorption import Absorption
-from glucoloop.meals.linear import LinearAbsorption, appearance_mg_min
-from glucoloop.meals.moments import points_of_sample
-from glucoloop.meals.ode import OdeAbsorption, eaten_of
-from glucoloop.meals.protocol import OdeMealModel
+from glucoloop.meals.linear import LinearAbsorption, SampleMeals, meals_of_sample, meals_of_samples
+from glucoloop.meals.ode import OdeAbsorption
+from glucoloop.meals.protocol import LinearMealModel, OdeMealModel
 from glucoloop.patients.protocol import Patient
 from glucoloop.simulation.plant import NO_MINUTE_INPUTS, Exogenous, MinuteInputs, SampleGrid
 
@@ -35,11 +33,18 @@ _MAX_STEPS: Final = 4096
 
 
 @pytree
+class Appearing(Exogenous):
+    """Inputs of a patient in one sample, with the meals that a linear gut absorbs in it."""
+
+    meals: SampleMeals
+
+
+@pytree
 class AdaptivePlant:
-    """A patient and the meals that a linear gut absorbs; implements `Plant`."""
+    """A patient with a linear gut; implements `Plant`."""
 
     patient: Patient
-    absorption: LinearAbsorption
+    model: LinearMealModel
     inside_min: jax.Array
     clock_min: jax.Array | float
     """Time of day at the start, after midnight."""
@@ -47,15 +52,16 @@ class AdaptivePlant:
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
-        start, minute_inputs = exogenous.t_min, exogenous.minute_inputs
+        assert isinstance(exogenous, Appearing)
+        start, minute_inputs, meals = exogenous.t_min, exogenous.minute_inputs, exogenous.meals
         if not minute_inputs.names:
-            states = self._between(x, insulin_mU_min, start, self.inside_min, minute_inputs)
+            states = self._between(x, insulin_mU_min, start, self.inside_min, minute_inputs, meals)
         else:
             from_min = jnp.concatenate([jnp.zeros(1), self.inside_min[:-1]])
 
             def point(x: jax.Array, entry: tuple[jax.Array, jax.Array, MinuteInputs]) -> tuple[jax.Array, jax.Array]:
                 after, to, minute_inputs = entry
-                [x] = self._between(x, insulin_mU_min, start + after, (to - after)[None], minute_inputs)
+                [x] = self._between(x, insulin_mU_min, start + after, (to - after)[None], minute_inputs, meals)
                 return x, x
 
             _, states = jax.lax.scan(point, x, (from_min, self.inside_min, minute_inputs))
@@ -68,10 +74,11 @@ class AdaptivePlant:
         start: jax.Array,
         after_min: jax.Array,
         minute_inputs: MinuteInputs,
+        meals: SampleMeals,
     ) -> jax.Array:
         """States at times after a start, under inputs that are held from there to the last of them."""
         states: jax.Array = _solved(
-            _body_rates, self, x, start, after_min, self.absorption.jumps.t_min, (insulin_mU_min, minute_inputs)
+            _body_rates, self, x, start, after_min, meals.jumps.t_min, (insulin_mU_min, minute_inputs, meals)
         )
         return states
 
@@ -136,8 +143,8 @@ class AdaptiveGutPlant:
 
 
 def _body_rates(t: jax.Array, x: jax.Array, known: tuple[AdaptivePlant, Any]) -> jax.Array:
-    plant, (insulin_mU_min, minute_inputs) = known
-    inputs = minute_inputs.inputs(insulin_mU_min, appearance_mg_min(t, plant.absorption))
+    plant, (insulin_mU_min, minute_inputs, meals) = known
+    inputs = minute_inputs.inputs(insulin_mU_min, meals.appearance_mg_min(t, plant.model))
     rates: jax.Array = minute_inputs.of(plant.patient).derivative(plant.clock_min + t, x, inputs)
     return rates
 
@@ -234,37 +241,36 @@ class Adaptive:
         }
         times = jnp.asarray(grid.t_min)
         if isinstance(absorption, LinearAbsorption):
-            plant = AdaptivePlant(**common, absorption=absorption, tolerance=self.tolerance)
-            return plant, Exogenous(t_min=times)
+            plant = AdaptivePlant(**common, model=absorption.model, tolerance=self.tolerance)
+            meals = meals_of_samples(absorption, grid.samples, grid.sample_time_min)
+            return plant, Appearing(t_min=times, meals=meals)
         assert isinstance(absorption, OdeAbsorption)
         fed = AdaptiveGutPlant(**common, model=absorption.model, tolerance=self.tolerance)
-        return fed, _course(fed, absorption, grid.sample_time_min, times)
+        eaten = absorption.eaten_in_run(grid.samples, grid.sample_time_min)
+        return fed, _course(fed, absorption.state, eaten, times)
 
     def at_sample(
         self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array
     ) -> tuple[AdaptivePlant | AdaptiveGutPlant, Exogenous, Any]:
-        """The plant with these meals, the time at which the sample with a number begins, and the gut after it."""
+        """The plant, the inputs of the sample with a number, and the gut after it."""
+        t_min = index * grid.sample_time_min
         if isinstance(absorption, LinearAbsorption):
-            time = Exogenous(t_min=index * grid.sample_time_min)
-            return dataclasses.replace(plant, absorption=absorption), time, absorption.state
-        outside = _fed(absorption, absorption.state, index * grid.sample_time_min, grid.sample_time_min)
+            meals = meals_of_sample(absorption, index, grid.sample_time_min)
+            gut = absorption.at_sample(index, 1, grid.sample_time_min)[1]
+            return plant, Appearing(t_min=t_min, meals=meals), gut
+        assert isinstance(absorption, OdeAbsorption)
+        eaten = absorption.eaten_in_sample(index, grid.sample_time_min)
+        outside = Fed(t_min=t_min, gut=absorption.state, eaten=eaten)
         return plant, outside, plant.digested(outside)
 
 
-def _fed(absorption: Any, gut: jax.Array, t_min: jax.Array, sample_time_min: float) -> Fed:
-    points = points_of_sample(sample_time_min)
-    first = jnp.round(t_min / sample_time_min).astype(int) * points
-    eaten = eaten_of(absorption.eaten, first + jnp.arange(points), sample_time_min)
-    return Fed(t_min=t_min, gut=gut, eaten=eaten)
-
-
-@functools.partial(jax.jit, static_argnums=2)
-def _course(plant: AdaptiveGutPlant, absorption: OdeAbsorption, sample_time_min: float, t_min: jax.Array) -> Fed:
+@jax.jit
+def _course(plant: AdaptiveGutPlant, gut: jax.Array, eaten: jax.Array, t_min: jax.Array) -> Fed:
     """Inputs of all samples of a run, from the course of the gut by itself."""
 
-    def one(gut: jax.Array, t_min: jax.Array) -> tuple[jax.Array, Fed]:
-        outside = _fed(absorption, gut, t_min, sample_time_min)
+    def one(gut: jax.Array, entry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, Fed]:
+        outside = Fed(t_min=entry[0], gut=gut, eaten=entry[1])
         return plant.digested(outside), outside
 
-    outside: Fed = jax.lax.scan(one, absorption.state, t_min)[1]
+    outside: Fed = jax.lax.scan(one, gut, (t_min, eaten))[1]
     return outside

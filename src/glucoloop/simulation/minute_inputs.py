@@ -13,7 +13,7 @@ from glucoloop.meals.scenario import Scenario
 from glucoloop.patients.capabilities import declared_by
 from glucoloop.patients.protocol import Patient
 from glucoloop.physiology.exercise import Bouts, bouts_of_one, mean_intensity_pct, refuse_exercise
-from glucoloop.physiology.protocol import Rhythm, changes_of
+from glucoloop.physiology.rhythm import Rhythm, changes_of
 from glucoloop.simulation.plant import MinuteInputs, SampleGrid
 
 

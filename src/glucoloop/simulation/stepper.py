@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable
-from typing import Any, Final
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,13 +16,14 @@ from glucoloop.arguments import checked, random_key
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
+from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import meal_model_of
-from glucoloop.meals.protocol import Eaten, MealModel
+from glucoloop.meals.protocol import Eaten, MealModel, OdeMealModel
 from glucoloop.meals.scenario import Meal, Scenario
 from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient
 from glucoloop.physiology.exercise import Bouts, Exercise, refuse_exercise
-from glucoloop.physiology.protocol import Rhythm
+from glucoloop.physiology.rhythm import Rhythm
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
@@ -45,8 +46,10 @@ from glucoloop.simulation.user_objects import Fixed, apart
 from glucoloop.snapshot import fingerprint, pack, unpack
 from glucoloop.units import MIN_PER_DAY
 
+E = TypeVar("E")
+
 _FIRST_ROOM: Final = 8
-"""Initial number of meals that can be stored; it is doubled when it is reached."""
+"""Initial number of meals that can be stored; it is doubled where more than half of them still reach the gut."""
 _NO_MEALS: Final = Eaten(**{name: np.zeros(_FIRST_ROOM) for name in ("t_min", "carbs_g", "eating_min")})
 
 _NO_BOUTS: Final = np.zeros((3, 0))
@@ -62,9 +65,9 @@ class _Now:
     """Number of the coming sample."""
     key: jax.Array
     eaten: Eaten
-    """(room,) meals that have begun; 0 g for free places."""
+    """(room,) meals that have begun, but for those whose last jump was before; 0 g for free places."""
     meals: jax.Array
-    """Number of meals that have begun."""
+    """Number of meals there."""
     gut: Any
     """State of the gut before the coming sample."""
 
@@ -303,8 +306,12 @@ class Stepper:
             )
         meal = Meal(carbs_g, self.t_min + after_min, eating_min)
         eaten, number = self._now.eaten, int(self._now.meals)
-        if number == eaten.t_min.size:
-            eaten = jax.tree.map(lambda part: jnp.concatenate([part, jnp.zeros_like(part)]), eaten)
+        room = eaten.t_min.size
+        if number == room:
+            reaching = np.flatnonzero(_last_jumps_min(self._meal_model, eaten) >= self.t_min)
+            number = reaching.size  # what other meals did is in the state of the gut
+            room *= 2 if 2 * number > room else 1
+            eaten = jax.tree.map(lambda part: jnp.zeros(room).at[:number].set(part[reaching]), eaten)
         with_meal = Eaten(**{name: part.at[number].set(getattr(meal, name)) for name, part in vars(eaten).items()})
         self._now = dataclasses.replace(self._now, eaten=with_meal, meals=jnp.asarray(number + 1))
         self._absorption = absorb(self._meal_model, with_meal)
@@ -335,7 +342,8 @@ class Stepper:
             )
         bout = Exercise(intensity_pct, self.t_min + after_min, duration_min)
         new = np.array([[bout.intensity_pct], [bout.t_min], [bout.duration_min]])
-        self._bouts = np.concatenate([self._bouts, new], axis=1)
+        going_on = self._bouts[:, self._bouts[1] + self._bouts[2] >= self.t_min]
+        self._bouts = np.concatenate([going_on, new], axis=1)
 
     def _minute_inputs(self, sample: int) -> MinuteInputs:
         """Exercise and what rhythms change in a sample, ``(points,)`` each."""
@@ -412,6 +420,18 @@ class Stepper:
         return self.observation()
 
 
+def _last_jumps_min(model: MealModel, eaten: Eaten) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Time of the last moment at which each meal makes a gut jump, or is eaten."""
+    ends: np.ndarray[Any, np.dtype[np.float64]] = np.asarray(
+        eaten.t_min + jnp.maximum(eaten.eating_min, SHORTEST_EATING_MIN)
+    )
+    if isinstance(model, OdeMealModel):
+        return ends
+    last = jax.vmap(lambda meal: jnp.max(model.jumps(meal).t_min))(jax.tree.map(lambda part: part[:, None], eaten))
+    ends = np.maximum(ends, np.asarray(last))
+    return ends
+
+
 Decide = Callable[[int, Observation], Decision]
 """Function of the number of a sample and its observation."""
 
@@ -462,17 +482,16 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
     grid, meals = counted.whole, scenario.eaten()
     on_grid = on_the_grid(scenario, grid)
     announced = np.asarray(on_grid.announced_g).tolist()
-    begins = [float(t_min) for t_min in meals.t_min]
-    bouts_at = [bout.t_min + scenario.warm_up_min for bout in scenario.exercise]
+    meals_at = _by_sample(scenario.meals, [float(t_min) for t_min in meals.t_min], grid.sample_time_min)
+    begins_min = [bout.t_min + scenario.warm_up_min for bout in scenario.exercise]
+    bouts_at = _by_sample(scenario.exercise, begins_min, grid.sample_time_min)
     happened: list[Sampled] = []
     for index in range(grid.samples):
         decision = decide(index, stepper.observation(announced[index]))
-        for meal, t_min in zip(scenario.meals, begins, strict=True):
-            if int(t_min / grid.sample_time_min) == index:
-                stepper.eat(meal.carbs_g, max(0.0, t_min - stepper.t_min), meal.eating_min)
-        for bout, t_min in zip(scenario.exercise, bouts_at, strict=True):
-            if int(t_min / grid.sample_time_min) == index:
-                stepper.exercise(bout.intensity_pct, bout.duration_min, max(0.0, t_min - stepper.t_min))
+        for meal, t_min in meals_at.get(index, ()):
+            stepper.eat(meal.carbs_g, max(0.0, t_min - stepper.t_min), meal.eating_min)
+        for bout, t_min in bouts_at.get(index, ()):
+            stepper.exercise(bout.intensity_pct, bout.duration_min, max(0.0, t_min - stepper.t_min))
         bolus = None if decision.bolus_mU is None or not gives_boluses else float(decision.bolus_mU)
         stepper.step(float(decision.insulin_mU_min), bolus_mU=bolus)
         assert stepper.last is not None
@@ -483,6 +502,16 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
         trace = dataclasses.replace(trace, command_bolus_mU=None, bolus_mU=None, reported_bolus_mU=None)
     minute_inputs = minute_inputs_of(stepper.patient, scenario, grid)
     return with_minute_inputs(trace, scenario, on_grid, minute_inputs).after(counted.warm_up)
+
+
+def _by_sample(
+    events: Sequence[E], begins_min: Iterable[float], sample_time_min: float
+) -> dict[int, list[tuple[E, float]]]:
+    """Events with their times, by the number of the sample in which they begin."""
+    by_sample: dict[int, list[tuple[E, float]]] = {}
+    for event, t_min in zip(events, begins_min, strict=True):
+        by_sample.setdefault(int(t_min / sample_time_min), []).append((event, t_min))
+    return by_sample
 
 
 def _with_status(happened: Sampled, decision: Decision) -> Sampled:

@@ -24,7 +24,7 @@ from glucoloop.component.effects import (
     TIME_OF_DAY,
     Need,
 )
-from glucoloop.component.grammar import given as given_values
+from glucoloop.component.grammar import as_tree
 from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.component.request import by_default, completed, request_of
 from glucoloop.faults import START, FaultComponent
@@ -34,7 +34,7 @@ from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Metric
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.component import PatientComponent
-from glucoloop.physiology.settings import RhythmComponent
+from glucoloop.physiology.rhythm import RhythmComponent
 from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, SensorComponent, WhiteNoise, whole_samples
@@ -54,7 +54,7 @@ from glucoloop.unit_guess import (
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel, RescueCarbs
     from glucoloop.patients import Patient, Population
-    from glucoloop.physiology.protocol import Rhythm
+    from glucoloop.physiology.rhythm import Rhythm
     from glucoloop.pumps import BolusLimits, DoseLimits
     from glucoloop.therapy import Profile
 
@@ -122,7 +122,7 @@ WarmUp = Annotated[
 class Situation(Component):
     """Everything about a loop but its meals and its controllers.
 
-    Parameters are components, see `glucoloop list`, and numbers; what is not given is usual for the patient.
+    Parameters are components, see `glucoloop list`, and numbers; the others are defaults of the patient.
 
     Raises
     ------
@@ -434,7 +434,7 @@ class Situation(Component):
     @property
     def rhythms(self) -> tuple[Rhythm, ...]:
         """Rhythms of the patient, as a scenario takes them."""
-        return tuple(component.made() for component in self.rhythm)
+        return self.rhythm
 
     @property
     def target_mg_dl(self) -> float:
@@ -489,7 +489,7 @@ def _nominal(name: str, operating_point: str) -> Patient:
 
 def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: str = "", **more: Any) -> Any:
     """A situation, or what extends one, from plain values as a file has them: ``configured(Run, sensor=["lag"])``."""
-    return completed(read_root(root, given_values({**(keys or {}), **more}, where), allow_unusual=True))
+    return completed(read_root(root, as_tree({**(keys or {}), **more}, where), allow_unusual=True))
 
 
 def default_situation(patient: str = DEFAULT_PATIENT.name, operating_point: str | None = None) -> Situation:

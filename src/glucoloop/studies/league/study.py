@@ -99,11 +99,11 @@ class _ShardResult(NamedTuple):
 def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[_Line]:
     results = []
     for patient, sensor, scenario, case in itertools.product(*parts):
-        given = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
+        settings = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
         family, of_sensor, of_scenario = texts((patient, sensor, scenario))
         trial, reason = None, ""
         try:
-            trial = completed(Request(Trial, given), {"people": people})
+            trial = completed(Request(Trial, settings), {"people": people})
         except Refusal as error:
             reason = str(error)
         results.append(_Line(family, of_sensor, of_scenario, label_of(case), trial, reason))

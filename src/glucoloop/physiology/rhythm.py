@@ -1,4 +1,4 @@
-"""Protocol of a rhythm: what the clock changes in a person's constants, minute by minute.
+"""Rhythms: what the clock changes in a person's constants, minute by minute.
 
 A rhythm is a function of the clock, a seed and a person's number, computed before a run. The patient gets its values as
 inputs that are held constant over each minute, so that any family takes any rhythm, and days may differ without end.
@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Final, Protocol, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import np, npt
+from glucoloop.component.base import Component
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.threefry import checked_counter, checked_people
 
-Floats = npt.NDArray[np.float64]
+Floats: TypeAlias = "npt.NDArray[np.float64]"
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,45 @@ class Rhythm(Protocol):
 
     def changes(self, clock_min: Floats, seed: int, person: npt.NDArray[np.int64]) -> Changes:
         """Changes of people at times ``(n,)`` in minutes after the midnight before the start of a run."""
+
+
+class RhythmComponent(Component):
+    """A rhythm, a `Rhythm` with its settings.
+
+    It joins every command by one class, entered in `RHYTHMS` or by the entry point of another package in the group
+    ``glucoloop.rhythms``.
+    """
+
+    kind: ClassVar = "rhythm"
+
+    def changes(self, clock_min: Floats, seed: int, person: npt.NDArray[np.int64]) -> Changes:
+        """Changes of people at times ``(n,)`` in minutes after the midnight before the start of a run.
+
+        `person` are the numbers of the people, of which, with the seed, random numbers are made.
+        """
+        raise NotImplementedError
+
+
+RHYTHMS: Final = Catalogue(
+    RhythmComponent,
+    {
+        "visentin-2015": "glucoloop.physiology.visentin2015:Visentin2015",
+        "dawn": "glucoloop.physiology.dawn:Dawn",
+    },
+    example="visentin-2015, pattern=hhl",
+)
+
+
+def rhythm(text: str) -> RhythmComponent:
+    """Rhythm by its text, as ``"visentin-2015, pattern=hhl"`` or ``"dawn"``; ValueError for one that is unknown.
+
+    Examples
+    --------
+    >>> import glucoloop as gl
+    >>> gl.rhythm("dawn, rise_mg_kg_min=1").rise_mg_kg_min
+    1.0
+    """
+    return RHYTHMS.choose(text)
 
 
 def changes_of(rhythms: Sequence[Rhythm], clock_min: Floats, seed: int, person: npt.ArrayLike) -> Changes:
