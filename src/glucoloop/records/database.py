@@ -56,6 +56,7 @@ def tables_of(data: bytes) -> list[bytes]:
         raise Refusal("it is a database that is damaged; export it again") from error
     if not result:
         raise Refusal(
-            "it is a database without a table of xDrip, which is the only app whose database is known; export its readings as CSV"
+            "it is a database without a table of xDrip, which is the only app whose database is known; "
+            "export its readings as CSV"
         )
     return result
