@@ -143,9 +143,9 @@ class Component:
 
     @classmethod
     def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The settings of an object, from explicit ones and defaults: components among them are complete.
+        """The attributes of an object, from all settings and what it is connected to: components are complete.
 
-        Those of a setting that is annotated as `Request` are left to be completed, and requests therefore.
+        Those of a setting that is annotated as `Request` are completed later, and are requests until then.
         """
         result = dict(values)
         for name, setting in cls.settings().items():
@@ -267,7 +267,7 @@ def _checking(component: type[Component], plain_init: Callable[..., None]) -> Ca
             if name not in settings
         }
         vars(self)["request"] = Request(component, explicit) if _request is None else _request
-        plain_init(self, **component.resolved({**defaults, **explicit}), **wiring)
+        plain_init(self, **component.resolved({**defaults, **explicit, **wiring}))
 
     return init
 

@@ -21,7 +21,7 @@ P = TypeVar("P", bound=Component)
 HOMES: Final = {
     "patient": "glucoloop.patients.catalogue:PATIENTS",
     "meal model": "glucoloop.meals.settings:MEAL_MODELS",
-    "rescue": "glucoloop.meals.settings:RESCUES",
+    "rescue": "glucoloop.meals.rescue:RESCUES",
     "habit": "glucoloop.meals.habits:HABITS",
     "scenario": "glucoloop.situations.scenarios:SCENARIOS",
     "sensor": "glucoloop.sensors:SENSORS",

@@ -29,7 +29,8 @@ from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.component.request import by_default, completed, request_of
 from glucoloop.faults import START, FaultComponent
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
-from glucoloop.meals.settings import MealModelComponent, RescueComponent
+from glucoloop.meals.rescue import RescueComponent
+from glucoloop.meals.settings import MealModelComponent
 from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Metric
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
