@@ -41,8 +41,8 @@ from glucoloop.meals.hovorka import HovorkaGut as HovorkaGut
 from glucoloop.meals.protocol import LinearMealModel as LinearMealModel
 from glucoloop.meals.protocol import MealModel as MealModel
 from glucoloop.meals.protocol import OdeMealModel as OdeMealModel
+from glucoloop.meals.rescue import RescueComponent as RescueComponent
 from glucoloop.meals.settings import MealModelComponent as MealModelComponent
-from glucoloop.meals.settings import RescueComponent as RescueComponent
 from glucoloop.metrics.metric import Ended as Ended
 from glucoloop.metrics.metric import Metric as Metric
 from glucoloop.metrics.metric import Result as Result

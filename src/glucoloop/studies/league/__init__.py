@@ -11,11 +11,12 @@ from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.base import Component
+from glucoloop.component.effects import EVERYTHING, Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, request_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.meals.settings import RescueComponent
+from glucoloop.meals.rescue import RescueComponent
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
@@ -122,6 +123,10 @@ class League(Component):
                 f"--bound is {self.bound_people}, and a family has {self.people} people; give at most {self.people}, "
                 f"or {self.bound_people} with --people"
             )
+
+    def uses(self) -> frozenset[Need]:
+        """Everything: what one controller or scenario has no use for, another one has."""
+        return EVERYTHING
 
     @property
     def family_names(self) -> tuple[str, ...]:

@@ -212,7 +212,7 @@ def page(config: League, results: Results) -> str:
         "League of controllers",
         sentences=_harms(config, results),
         facts=facts,
-        repeat=Repeat("league --config league.toml", config.tree(whole=True), files, given=config.tree()),
+        repeat=Repeat("league --config league.toml", config.tree(whole=True), files, explicit=config.tree()),
         config=config,
         about=results.plain["families"],
         verdicts=dict(zip(by_family, _verdicts(results), strict=True)),

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.component.request import Request, completed
-from glucoloop.meals.settings import RescueComponent
+from glucoloop.meals.rescue import RescueComponent
 from glucoloop.metrics.catalogue import METRICS as METRIC_CATALOGUE
 from glucoloop.patients.component import NOMINAL
 from glucoloop.refusal import Refusal
@@ -103,12 +103,12 @@ class _ShardResult(NamedTuple):
 def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int, rescue: RescueComponent | None) -> list[_Line]:
     results = []
     for patient, sensor, scenario, case in itertools.product(*parts):
-        given = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
-        given |= {} if rescue is None else {"rescue": rescue, "metrics": (METRIC_CATALOGUE.choose("rescues"),)}
+        settings = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
+        settings |= {} if rescue is None else {"rescue": rescue, "metrics": (METRIC_CATALOGUE.choose("rescues"),)}
         family, of_sensor, of_scenario = texts((patient, sensor, scenario))
         trial, reason = None, ""
         try:
-            trial = completed(Request(Trial, given), {"people": people})
+            trial = completed(Request(Trial, settings), {"people": people})
         except Refusal as error:
             reason = str(error)
         results.append(_Line(family, of_sensor, of_scenario, label_of(case), trial, reason))
