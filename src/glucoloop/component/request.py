@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from glucoloop.arguments import is_traced
 from glucoloop.component.grammar import NAME, NONE, Leaf, Tree, component_text, place, plain
 from glucoloop.component.setting import Default, Setting, WithUnit
 from glucoloop.refusal import Refusal
@@ -121,6 +122,8 @@ def _plain(value: Any, whole: bool) -> Any:
         return [_plain(item, whole) for item in value]
     if isinstance(value, WithUnit):
         return value.text
+    if hasattr(value, "tolist") and not is_traced(value):  # of NumPy or JAX, where numbers were replaced by people's
+        return value.tolist()
     return value.tree(whole=whole) if isinstance(value, Request) or hasattr(value, "as_request") else value
 
 
