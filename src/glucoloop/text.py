@@ -35,7 +35,7 @@ def printable(text: str) -> str:
 
 def without_credentials(text: str) -> str:
     """A text in which names, passwords and tokens of addresses are ``***``: libraries quote what they were given."""
-    return _CREDENTIALS.sub(lambda found: f"{found[2]}***" if found[2] else f"{found[1]}***@", text)
+    return _CREDENTIALS.sub(lambda match: f"{match[2]}***" if match[2] else f"{match[1]}***@", text)
 
 
 def printable_lines(text: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from glucoloop.cli import main
-from glucoloop.component.code import entry_points, found
+from glucoloop.component.code import entry_point, entry_points
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -65,12 +65,12 @@ def install(tmp_path, monkeypatch) -> Callable[[str, str, str, str], None]:
         (package / "entry_points.txt").write_text(f"[glucoloop.{group}]\n{name} = {module}:{attribute}\n")
         monkeypatch.syspath_prepend(str(tmp_path))
         monkeypatch.chdir(tmp_path)
-        found.cache_clear()
+        entry_point.cache_clear()
         entry_points.cache_clear()
         installed.append(module)
 
     yield installing
-    found.cache_clear()
+    entry_point.cache_clear()
     entry_points.cache_clear()
     for module in installed:
         sys.modules.pop(module, None)

@@ -7,7 +7,7 @@ from typing import Annotated
 import polars as pl
 import pytest
 
-from glucoloop.component.code import found
+from glucoloop.component.code import entry_point
 from glucoloop.component.request import Request, completed
 from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS
@@ -170,7 +170,7 @@ def test_a_folder_goes_on_only_with_the_code_that_began_it(glucoloop, refused, o
 def _edit(module):
     module.write_text(module.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
     sys.modules.pop(module.stem)
-    found.cache_clear()
+    entry_point.cache_clear()
 
 
 PLAIN = """

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from glucoloop.component.code import found
+from glucoloop.component.code import entry_point
 
 EVIL = """
 from pathlib import Path
@@ -35,7 +35,7 @@ def evil(install, tmp_path):
     install("your_own_controller", "controllers", "your-own-pi", "YourOwnPI")
     (tmp_path / "evil.py").write_text(EVIL)
     yield tmp_path / "harmed"
-    found.cache_clear()
+    entry_point.cache_clear()
     sys.modules.pop("evil", None)
 
 

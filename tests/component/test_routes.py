@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 import glucoloop as gl
-from glucoloop.component.grammar import given
+from glucoloop.component.grammar import as_tree
 from glucoloop.component.request import completed
 from glucoloop.component.routes import PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.control.catalogue import CONTROLLERS
@@ -71,9 +71,9 @@ def test_person_of_ones_own_has_the_pump_of_the_route():
 
 def test_pump_of_30_units_an_hour_is_unusual_into_a_vein_only():
     pump = {"max_insulin_mU_min": 500.0}
-    assert configuration_from(Run, given({"patient": "hovorka-2004", "pump": pump}, "")).limits.max_mU_min == 500.0
+    assert configuration_from(Run, as_tree({"patient": "hovorka-2004", "pump": pump}, "")).limits.max_mU_min == 500.0
     with pytest.raises(ValueError, match=r"^max_insulin_mU_min of the pump is 500 mU/min; "):
-        configuration_from(Run, given({"pump": pump}, ""))
+        configuration_from(Run, as_tree({"pump": pump}, ""))
 
 
 @pytest.mark.long

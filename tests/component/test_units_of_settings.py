@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.component.catalogue import catalogues
-from glucoloop.component.grammar import component_text, component_tree
-from glucoloop.component.grammar import given as given_values
+from glucoloop.component.grammar import as_tree, component_text, component_tree
 from glucoloop.component.request import completed, read
 from glucoloop.component.setting import WithUnit
 from glucoloop.control import BasalBolus
@@ -46,7 +45,7 @@ def test_a_number_is_the_same_in_each_unit_in_texts_and_in_files(name, data):
     text = f"{value / factor_to(setting.unit, unit)!r}{data.draw(st.sampled_from(['', ' ']))}{unit}"
     typed = component_tree(component_text({setting.name: text}), "--part")
     short = component_tree(component_text({setting.name_without_unit: text}), "--part")
-    of_file = given_values({setting.name: text}, "a.toml")
+    of_file = as_tree({setting.name: text}, "a.toml")
     for tree in (typed, short, of_file):
         made = read(part, tree)
         [(found, number)] = made.explicit.items()
@@ -55,7 +54,7 @@ def test_a_number_is_the_same_in_each_unit_in_texts_and_in_files(name, data):
         with contextlib.suppress(Refusal):  # where it is at odds with the defaults of others
             assert type(getattr(completed(made), name)) is float
             assert getattr(completed(made), name) == number
-        assert read(part, given_values(made.tree(), "a.toml")) == made
+        assert read(part, as_tree(made.tree(), "a.toml")) == made
         assert read(part, component_tree(component_text(made.tree()), "--part")) == made
         if unit not in (setting.unit, "m"):
             assert isinstance(number, WithUnit)
@@ -98,13 +97,13 @@ def test_a_unit_has_several_spellings(unit, same):
 )
 def test_a_wrong_unit_is_refused_and_a_likely_one_is_asked_about(tree, told):
     with pytest.raises(Refusal) as refused:
-        read(Run, given_values(tree, "a.toml"), allow_unusual=False)
+        read(Run, as_tree(tree, "a.toml"), allow_unusual=False)
     assert told in str(refused.value)
 
 
 def test_what_is_laid_over_has_another_spelling_of_the_same_name():
-    of_file = given_values({"setpoint": "5.5 mmol/l"}, "a.toml")
-    typed = given_values({"setpoint_mg_dl": 100.0}, "--setpoint")
+    of_file = as_tree({"setpoint": "5.5 mmol/l"}, "a.toml")
+    typed = as_tree({"setpoint_mg_dl": 100.0}, "--setpoint")
     assert read(Run, {**of_file, **typed}).value("setpoint_mg_dl") == 100.0
 
 

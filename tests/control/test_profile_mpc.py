@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
+from glucoloop._pytree import pytree
 from glucoloop.control.profile_mpc import ProfileMPC, forecast_of
 from glucoloop.control.protocol import Observation, Status, computed_settings
 from glucoloop.meals import Scenario
@@ -108,6 +109,70 @@ def test_people_are_given_the_gains_of_their_profiles(controller):
     assert told["believed_carb_ratio_g_U"] == pytest.approx(20.0)
     many = controller.with_profile(Profile(basal_mU_min=jnp.array([5.0, 10.0]), setpoint_mg_dl=120.0))
     np.testing.assert_allclose(many.model.insulin_gain, [BASAL / 5.0, BASAL / 10.0])
+
+
+@pytree
+class ShiftedModel:
+    """A model that takes the same insulin for less than it is: another basal rate for the same person at rest."""
+
+    model: object
+    less_mU_min: float
+
+    @property
+    def sample_time_min(self):
+        return self.model.sample_time_min
+
+    @property
+    def state(self):
+        return self.model.state
+
+    @property
+    def insulin_mU_min(self):
+        return self.model.insulin_mU_min - self.less_mU_min
+
+    def derivative(self, x, insulin_mU_min):
+        return self.model.derivative(x, insulin_mU_min + self.less_mU_min)
+
+    def glucose_mg_dl(self, x):
+        return self.model.glucose_mg_dl(x)
+
+
+def total_mU(decision):
+    return 5.0 * float(decision.insulin_mU_min) + float(decision.bolus_mU)
+
+
+@pytest.mark.long
+def test_doses_do_not_depend_on_the_basal_rate_of_the_nominal_person(controller):
+    """Insulin that does the same to a person is given alike, whatever part of it the model calls the basal rate."""
+    nonlinear, linear = models()
+    other = ProfileMPC().of_model(
+        ShiftedModel(model=nonlinear, less_mU_min=0.5 * BASAL),
+        linear,
+        PROFILE,
+        PARKER_1999_LIMITS,
+        DEFAULT_BOLUS_LIMITS,
+    )
+    for glucose in ((120.0, 124.0, 132.0, 144.0, 158.0), (150.0, 152.0, 156.0)):
+        decision, same = (after(one, *[seen(reading) for reading in glucose]) for one in (controller, other))
+        assert float(decision.bolus_mU) > 50.0
+        # the titration of either model, by an hour of its basal rate, finds almost the same factor
+        assert total_mU(same) == pytest.approx(total_mU(decision), rel=0.03)
+
+
+@pytest.mark.parametrize("glucose", [90.0, 150.0, 200.0])
+def test_a_person_who_begins_away_from_the_target_is_corrected_by_the_factor(controller, glucose):
+    """No meal is made of the distance: the first dose is at most the correction, and what follows is less."""
+    state, delivered, bolus_mU, extra_mU = controller.init(seen(glucose)), BASAL, 0.0, []
+    for _ in range(4):
+        state, decision = step(controller, state, seen(glucose, delivered=delivered, bolus_mU=bolus_mU))
+        delivered, bolus_mU = float(decision.insulin_mU_min), float(decision.bolus_mU)
+        extra_mU.append(5.0 * (delivered - BASAL) + bolus_mU)
+    correction_mU = 1000.0 * (glucose - 120.0) / 60.0
+    if glucose < 120.0:
+        assert max(extra_mU) <= 0.0
+    else:
+        assert 0.3 * correction_mU < extra_mU[0] <= correction_mU
+        assert max(extra_mU[1:]) < 0.5 * extra_mU[0]
 
 
 def test_low_glucose_gets_no_insulin(controller):

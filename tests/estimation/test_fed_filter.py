@@ -103,6 +103,19 @@ def test_a_reading_corrects_as_the_formula_of_kalman_says():
     np.testing.assert_allclose(corrected.covariance, P - np.outer(K, C @ P), rtol=1e-6, atol=1e-9)
 
 
+def test_the_first_reading_tells_glucose_at_the_start():
+    """All states of glucose move by one share, as a scalar Kalman gain has it."""
+    filter_, model = designed().filter, designed().model
+    estimate = filter_.init(model)
+    rest = np.asarray(estimate.x[:3])
+    corrected = update(estimate, jnp.asarray(160.0), jnp.asarray(True))
+    uncertain = 40.0**2
+    moved = 40.0 * uncertain / (uncertain + 36.0 + 2.0)
+    np.testing.assert_allclose(np.asarray(corrected.x[:3]) / rest, 1.0 + moved / 120.0, rtol=1e-6)
+    np.testing.assert_array_equal(corrected.x[3:], estimate.x[3:])
+    assert float(np.abs(corrected.gut_mg).max()) == 0.0
+
+
 def test_without_a_reading_nothing_is_corrected():
     estimate = some()
     left = update(estimate, jnp.asarray(np.nan), jnp.asarray(False))

@@ -79,6 +79,13 @@ def test_the_last_days_are_used():
         gridded_record(record([(0.0, "bolus_U", 1.0)]))
 
 
+def test_a_reading_at_midnight_begins_no_day_of_its_own():
+    grid = gridded_record(record([*readings(2), (2880.0, "glucose_mg_dl", 77.0)]))
+    assert grid.days == 2
+    assert grid.reading_mg_dl[-1] == 77.0
+    assert gridded_record(record([(0.0, "glucose_mg_dl", 77.0)])).days == 1
+
+
 def test_times_are_those_of_the_last_clock():
     events = [(60.0, "glucose_mg_dl", 100.0), (60.0, "bolus_U", 1.0)]
     shifted = record(events, utc_offset_min=60)

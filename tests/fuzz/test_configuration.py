@@ -7,7 +7,7 @@ import tomli_w
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.component.grammar import given as given_values
+from glucoloop.component.grammar import as_tree
 from glucoloop.control import LinearMPC
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
@@ -65,7 +65,7 @@ parts = st.dictionaries(
 
 
 def read(root, keys):
-    return configuration_from(root, given_values(keys, "a.toml"))
+    return configuration_from(root, as_tree(keys, "a.toml"))
 
 
 def read_again(root, keys):

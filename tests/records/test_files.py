@@ -2,6 +2,7 @@
 
 import io
 import json
+import sqlite3
 import zipfile
 from datetime import datetime
 
@@ -150,3 +151,52 @@ def test_an_export_with_insulin_in_a_folder_of_its_own_is_one_person(tmp_path, f
     record = gl.read_record(path)
     assert record.frame["bolus_U"].sum() > 0.0
     assert record.frame["glucose_mg_dl"].is_not_null().any()
+
+
+def test_the_database_of_xdrip(tmp_path):
+    path = tmp_path / "export.sqlite"
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE BgReadings (_id INTEGER, timestamp REAL, calculated_value REAL, dg_mgdl REAL)")
+        database.execute(
+            "CREATE TABLE Treatments (timestamp INTEGER, eventType, carbs REAL, insulin REAL, insulinJSON)"
+        )
+        database.execute("CREATE TABLE BloodTest (timestamp INTEGER, mgdl REAL)")
+        at = [int((time - datetime(1970, 1, 1)).total_seconds() * 1000) for time in every(5, 40)]
+        database.executemany(
+            "INSERT INTO BgReadings VALUES (?, ?, ?, 0)", [(n, t, glucose(n)) for n, t in enumerate(at)]
+        )
+        database.executemany(
+            "INSERT INTO Treatments VALUES (?, ?, ?, ?, ?)",
+            [
+                (at[1], "<none>", 40.0, 3.5, None),
+                (at[2], "<none>", 0.0, 14.0, '[{"insulin": "Lantus", "units": 14.0}]'),
+                (at[3], "Note", 0.0, 0.0, None),
+            ],
+        )
+        database.execute("INSERT INTO BloodTest VALUES (?, 118)", (at[4],))
+    database.close()
+    record = gl.read_record(path)
+    assert reading_times(record) == every(5, 40)
+    sums = [record.frame[name].sum() for name in ("carbs_g", "bolus_U", "long_acting_U")]
+    assert sums == [40.0, 3.5, 14.0]
+    assert record.left_out == {"finger pricks": 1, "rows without glucose, carbohydrate or insulin": 1}
+
+
+@pytest.mark.parametrize("data", [b"SQLite format 3\0", b"SQLite format 3\0" + bytes(5000)])
+def test_a_database_of_no_known_app_is_refused(refused, data):
+    assert "it is a database" in refused(data)
+
+
+def test_a_view_that_never_ends_is_not_asked(tmp_path, refused):
+    path = tmp_path / "export.sqlite"
+    with sqlite3.connect(path) as database:
+        endless = "WITH RECURSIVE n(timestamp) AS (SELECT 1 UNION ALL SELECT timestamp FROM n) SELECT * FROM n"
+        database.execute(f"CREATE VIEW BgReadings AS {endless}")
+    database.close()
+    assert "without a table of xDrip" in refused(path.read_bytes())
+
+
+def test_a_program_in_a_form_that_is_not_known_is_named(refused):
+    told = refused("Name:,X\nGlooko-Bericht\nZeitpunkt,Messwert\n13.03.2024 00:03,110\n")
+    assert "it names Glooko, and has a form or a language that is not known here" in told
+    assert "--columns" in told

@@ -113,3 +113,9 @@ def test_signs_within_cells_divide_nothing(read):
     rows = shanghai(12)
     rows[3][4] = 'a\ttab, a "quote"\nand a line'
     assert read(workbook({"Sheet1": rows})).rows == 12
+
+
+def test_a_table_whose_columns_are_named(read):
+    rows = [["Zeit", "BZ"], *([time, glucose(n)] for n, time in enumerate(every(15, 12)))]
+    record = read(workbook({"Tagebuch": rows}), columns="time=Zeit,glucose_mg_dl=BZ")
+    assert values(record, "glucose_mg_dl") == [(time, glucose(n)) for n, time in enumerate(every(15, 12))]

@@ -109,13 +109,39 @@ def test_mmol_per_litre_stands_on_the_right(quiet):
     np.testing.assert_allclose(right.get_ylim(), np.array(above.get_ylim()) / MG_DL_PER_MMOL_L)
 
 
-def test_units_per_hour_stand_on_the_right(quiet):
-    figure = plot(quiet, units_per_hour=True)
+def test_subcutaneous_insulin_is_in_units_per_hour_with_the_target_range(quiet):
+    below = plot(quiet).axes[1]
+    above, u_h = plot(quiet, subcutaneous=True).axes
+    assert u_h.get_ylabel() == "Insulin (U/h)"
+    np.testing.assert_allclose(u_h.get_ylim(), 0.06 * np.array(below.get_ylim()))
+    assert {"70 to 180 mg/dl", "basal 1.2 U/h"} <= set(words(plot(quiet, subcutaneous=True)))
+    (band,) = above.patches
+    assert (band.get_y(), band.get_height()) == (70.0, 110.0)
+    assert above.get_ylim()[1] > 180.0
+    assert "lowest allowed 60 mg/dl" not in words(plot(quiet, subcutaneous=True))
+
+
+@pytest.mark.parametrize(
+    ("horizon_min", "start_min", "first", "place_min"),
+    [
+        (600, 450.0, "08:00", 30.0),
+        (1440, 0.0, "00:00", 0.0),
+        (1440, 450.0, "08:00", 30.0),
+        (4320, 450.0, "12:00\nday 1", 270.0),
+    ],
+)
+def test_the_clock_is_shown_from_the_time_of_the_start(make_trace, horizon_min, start_min, first, place_min):
+    figure = plot(make_trace(np.full(horizon_min + 1, 80.0)), start_min=start_min)
     figure.draw_without_rendering()
     below = figure.axes[1]
-    (right,) = below.child_axes
-    assert right.get_ylabel() == "Insulin (U/h)"
-    np.testing.assert_allclose(right.get_ylim(), np.array(below.get_ylim()) * 0.06)
+    divisor = 1.0 if horizon_min <= 720 else 60.0 if horizon_min <= 1440 else 1440.0
+    ticks = [(tick.get_loc() * divisor, tick.label1.get_text()) for tick in below.xaxis.get_major_ticks()]
+    assert ticks[0] == (pytest.approx(place_min), first)
+    assert below.get_xlabel() == "Time of day"
+    for place, text in ticks:
+        clock_min = (start_min + place) % 1440.0
+        assert text.startswith(f"{int(clock_min // 60):02d}:{int(clock_min % 60):02d}")
+    assert_nothing_is_clipped(figure)
 
 
 @pytest.mark.long

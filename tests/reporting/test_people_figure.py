@@ -44,12 +44,12 @@ def test_people_are_drawn_as_bands_about_their_median(tmp_path):
     assert (tmp_path / "people.png").stat().st_size > 10_000
 
 
-def test_people_may_have_a_second_axis_for_each_quantity():
-    figure = gl.plot(run_of(), mmol=True, units_per_hour=True)
+def test_people_may_have_glucose_in_mmol_l_and_rates_in_units_per_hour():
+    figure = gl.plot(run_of(), mmol=True, subcutaneous=True)
     figure.draw_without_rendering()
-    (mmol,), (u_h,) = (axes.child_axes for axes in figure.axes)
-    assert (mmol.get_ylabel(), u_h.get_ylabel()) == ("Glucose (mmol/l)", "Insulin (U/h)")
-    np.testing.assert_allclose(u_h.get_ylim(), 0.06 * np.array(figure.axes[1].get_ylim()))
+    (mmol,) = figure.axes[0].child_axes
+    assert (mmol.get_ylabel(), figure.axes[1].get_ylabel()) == ("Glucose (mmol/l)", "Insulin (U/h)")
+    np.testing.assert_allclose(figure.axes[1].get_ylim(), 0.06 * np.array(gl.plot(run_of()).axes[1].get_ylim()))
 
 
 def test_one_run_needs_no_label():

@@ -36,6 +36,7 @@ from glucoloop.reproduction.parker1999.study import (
     results_of,
     tables,
 )
+from glucoloop.situations.situation import configured
 from glucoloop.storage.results import Results
 
 POINT = "setpoint-81"
@@ -230,6 +231,32 @@ class TestStudy:
         rows = compare({POINT: study})
         left_out = {row.entry.id for row in rows if not row.reproduced}
         assert all(re.match(r"table-2\.[a-z-]+\.(5|15)M?\.|tuning\.|claim\.dead-time-5", id) for id in left_out)
+
+    @pytest.mark.long
+    def test_a_controller_of_ones_own_stands_in_both_tables(self, study):
+        """Linear MPC under another name has its numbers to the bit, and nothing printed to agree with."""
+        own = configured(Reproduction, controller=["mpc, label=mine"]).controller
+        wanted = frozenset({experiments.NOISE_FREE, ("mpc", "10")})
+        again = experiments.study(POINT, wanted, seeds=4, seed=3, progress=lambda done: None, own={"mine": own[0]})
+        rows = {row.entry.id: row for row in compare({POINT: again}, ("table-",), ["mine"])}
+        own_rows = [row for id, row in rows.items() if ".mine." in id and row.reproduced]
+        assert len(own_rows) == 5  # undershoot and settling time in both, and the constraints
+        printed = {(row.entry.controller, row.entry.situation, row.entry.metric): row for row in rows.values()}
+        for row in own_rows:
+            assert row.reproduced == printed["mpc", row.entry.situation, row.entry.metric].reproduced
+            assert row.agrees(POINT) is None
+        assert count(rows.values(), POINT) == count(compare({POINT: again}, ("table-",)), POINT)
+        results = _compared_results({POINT: again}, WHOLE, 3, ["mine"])
+        assert "mine, dead time 10 min: undershoot" in files_of(Reproduction(seed=3), results)["report.html"].decode()
+
+    def test_controllers_that_have_no_place_are_refused(self):
+        for given, message in (
+            ({"controller": ["mpc"]}, "mpc is one of the paper's own controllers"),
+            ({"controller": ["pid, label=a", "imc, label=a"]}, "two controllers are named 'a'"),
+            ({"controller": ["pid"], "figure": ["2"]}, "leave --controller out, or name a table"),
+        ):
+            with pytest.raises(ValueError, match=message):
+                results_of(configured(Reproduction, **given), progress=lambda done: None)
 
     def test_an_unknown_operating_point_is_refused(self):
         asked = Reproduction(operating_point=("nominal-23",))

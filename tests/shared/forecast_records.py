@@ -3,10 +3,13 @@
 import datetime as dt
 
 import numpy as np
+import polars as pl
 
 from glucoloop.forecasts.grid import SAMPLES_PER_DAY, GriddedRecord
 from glucoloop.forecasts.kalman import FittedKalman, unexplained_system
 from glucoloop.forecasts.usual_day import UsualDay
+from glucoloop.records import DeviceRecord
+from glucoloop.records.record import SCHEMA
 
 PARAMETERS = np.array([120.0, 50.0, 30.0, 10.0, 0.5, 15.0, 800.0, 2.0])
 COEFFICIENTS = np.array([-25.0, 3.0, 150.0, 10.0, -5.0, 4.0, 2.0, 1.0, -2.0, 0.5, 1.0])
@@ -25,6 +28,18 @@ def gridded(readings, *, basal_U=None, bolus_U=None, carbs_g=None, automatic_U=N
         carbs_g=zeros if carbs_g is None else carbs_g,
         basal_off_schedule_pct=0.0,
     )
+
+
+def device_record(record):
+    """The record as a device would have it, at the ends of the samples."""
+    readings = np.clip(record.reading_mg_dl, 40.0, 400.0)
+    rows = {"glucose_mg_dl": readings, "bolus_U": record.user_bolus_U, "carbs_g": record.carbs_g}
+    times = [record.first + dt.timedelta(minutes=5.0 * (sample + 1.0)) for sample in range(record.reading_mg_dl.size)]
+    columns = {name: pl.Series([None if not value > 0.0 else value for value in of]) for name, of in rows.items()}
+    frame = pl.DataFrame({"time": times, **columns, "basal_U_h": 12.0 * record.basal_U})
+    missing = (pl.lit(None).alias(name) for name in SCHEMA if name not in frame.columns)
+    frame = frame.with_columns(missing).select(pl.col(name).cast(kind) for name, kind in SCHEMA.items())
+    return DeviceRecord(frame=frame, rows=frame.height)
 
 
 def own_model(parameters=PARAMETERS, coefficients=COEFFICIENTS):

@@ -1,5 +1,6 @@
 """What was given and changes nothing is told: each option of a situation changes numbers, or there is a note."""
 
+import contextlib
 import dataclasses
 import importlib
 import warnings
@@ -19,9 +20,11 @@ from glucoloop.control.protocol import uses_of
 from glucoloop.estimation.unknown_meal.protocol import ESTIMATORS
 from glucoloop.faults.fault import FAULTS
 from glucoloop.meals.habits import HABITS
-from glucoloop.meals.settings import MEAL_MODELS, RESCUES
+from glucoloop.meals.rescue import RESCUES
+from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.physiology import RHYTHMS
 from glucoloop.pumps import PUMPS
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
@@ -290,6 +293,7 @@ ALWAYS_OF_STUDIES = {
         file_names reader dates glucose_unit time_zone columns file_units device person_column scans goals""",
     "identify": """amplitude_mU_min samples data method max_gap_min basal_insulin_mU_min not_from_rest memory
         laguerre_pole best_pole laguerre_functions""",
+    "forecast": "methods horizons_min",
     "robust": "people_seed check_people check_people_seed objectives at_most beside sampler batch rounds prefer",
     "reproduce": "paper operating_point table figure quick",
 }
@@ -341,3 +345,19 @@ def test_meals_of_a_record_that_no_controller_would_hear_of(tmp_path):
     assert notes_of(*replay, "basal-bolus, insulin_on_board_min=200") == ()
     [note] = notes_of(*replay, "basal-bolus, carb_ratio_g_U=9")
     assert note.startswith("carb_ratio_g_U of the controller basal-bolus has no effect: meals are not announced")
+
+
+SENSED = {"sensor": ["dexcom-g6"], "sensors": ["dexcom-g6"]}
+MODELLED = {"controller": ["mpc, known_dead_time=true"], "controllers": ["mpc, known_dead_time=true"]}
+
+
+@pytest.mark.parametrize("name", sorted(STUDIES))
+def test_no_study_says_of_what_it_uses_that_it_has_no_effect(name):
+    """A study that has sensors or controllers says what it uses of them."""
+    module, _, attribute = STUDIES[name].place.partition(":")
+    root = getattr(importlib.import_module(module), attribute).request
+    for key, value in (SENSED | MODELLED).items():
+        late = {"sensor": ["dead-time, minutes=10"]} if key in MODELLED and "sensor" in root.settings() else {}
+        if key in root.settings() and key not in root.refused:
+            with contextlib.suppress(Refusal):  # of a study that takes no such controller
+                assert without_effect(configured(root, {**late, key: value})) == ()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from glucoloop.component.grammar import given
+from glucoloop.component.grammar import as_tree
 from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.trials.trial import Trial
@@ -59,17 +59,17 @@ def cases():
 @pytest.mark.parametrize(("command", "keys", "told"), list(cases()))
 def test_unusual_value_is_asked_about_and_taken_where_it_is_confirmed(command, keys, told):
     with pytest.raises(ValueError, match=r".") as refused:
-        configuration_from(ROOTS[command], given(keys, "a.toml"))
+        configuration_from(ROOTS[command], as_tree(keys, "a.toml"))
     assert told in str(refused.value)
     assert "add --allow-unusual if" in str(refused.value)
-    confirmed = configuration_from(ROOTS[command], given({**keys, "allow_unusual": True}, "a.toml"))
-    again = configuration_from(ROOTS[command], given(confirmed.tree(), "a.toml"))
+    confirmed = configuration_from(ROOTS[command], as_tree({**keys, "allow_unusual": True}, "a.toml"))
+    again = configuration_from(ROOTS[command], as_tree(confirmed.tree(), "a.toml"))
     assert again == confirmed
     assert again.allow_unusual
 
 
 def asked(root, **keys):
-    return configuration_from(root, given(keys, "a.toml"))
+    return configuration_from(root, as_tree(keys, "a.toml"))
 
 
 def test_a_higher_target_needs_a_smaller_pump():

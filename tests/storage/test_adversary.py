@@ -23,7 +23,7 @@ def adversary_folder(path, asked):
         command="adversary",
         what="search",
         keys=asked.tree(whole=True),
-        given=asked.tree(),
+        explicit=asked.tree(),
         final=final,
     )
     return rows_folder(path, work, rows(asked))

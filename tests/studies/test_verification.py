@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from glucoloop.patients.sorensen.model import sound
 
 from glucoloop._pytree import pytree, static
 from glucoloop.build.random_keys import keys_of_people
@@ -19,6 +18,7 @@ from glucoloop.metrics import promises
 from glucoloop.metrics.promises import PROMISES, Promises, all_finite
 from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
+from glucoloop.patients.sorensen.patient import SorensenPatient
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.sensors import Reading, WhiteNoise
 from glucoloop.simulation.cohort import SampledInside
@@ -83,7 +83,7 @@ def happened(**others):
 
 
 def broken_by(sampled, lowest=GLUCOSE):
-    held = Promises(sound=sound).fulfilled(sampled, jnp.asarray(lowest), sampled.before.reported_mU_min)
+    held = Promises(sound=SorensenPatient.sound).fulfilled(sampled, jnp.asarray(lowest), sampled.before.reported_mU_min)
     assert tuple(held) == PROMISES
     return {name for name, holds in held.items() if not bool(holds)}
 
@@ -136,12 +136,12 @@ def test_a_fall_may_begin_at_the_last_request_where_the_pump_reports_more():
     """After a request of 20 mU/min, of which the pump reports twice as much."""
     for command, broken in ((3.31, set()), (3.29, {promises.RATE}), (56.6, set()), (56.8, {promises.RATE})):
         sampled = happened(command=command, word=40.0)
-        held = Promises(sound=sound).fulfilled(sampled, jnp.asarray(GLUCOSE), jnp.asarray(20.0))
+        held = Promises(sound=SorensenPatient.sound).fulfilled(sampled, jnp.asarray(GLUCOSE), jnp.asarray(20.0))
         assert {name for name, holds in held.items() if not bool(holds)} == broken
 
 
 def test_breaches_are_counted_and_dated():
-    fold, place = Promises(sound=sound), PROMISES.index(promises.DOSE)
+    fold, place = Promises(sound=SorensenPatient.sound), PROMISES.index(promises.DOSE)
     kept = fold.init(jnp.asarray(GLUCOSE), jnp.asarray(20.0))
     low = jnp.asarray([80.0, 59.9, 70.0, 60.0, 50.0])
     for number, (dose, inside) in enumerate([(20.0, low), (-1.0, low), (20.0, low + 20.0), (-1.0, low)]):

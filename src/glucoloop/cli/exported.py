@@ -63,13 +63,13 @@ def write(config: Export, folder: OutputFolder, notes: Sequence[str]) -> tuple[M
     folder.write("PROOF.md", proof(exported, name, outcomes))
     folder.write("SAFETY.md", safety_report(exported, name, outcomes, guarded=guarded))
     folder.write("manifest.json", json_text(with_version(report(made, checks, notes))) + "\n")
-    used, given = config.tree(whole=True), config.tree()
+    used, explicit = config.tree(whole=True), config.tree()
     used["controller"][0].update({"settled": made.settled} if made.settled else {})
     if made.model is not None:
         folder.write("model.json", made.model.text())
         if isinstance(config.case.model, FileComponent):
-            used["controller"][0]["model"] = given["model"] = {"name": FileComponent.name, "path": "model.json"}
-    folder.write("run.toml", toml_text(used, "export --config run.toml --out DIR", given))
+            used["controller"][0]["model"] = explicit["model"] = {"name": FileComponent.name, "path": "model.json"}
+    folder.write("run.toml", toml_text(used, "export --config run.toml --out DIR", explicit))
     return made, checks
 
 

@@ -14,7 +14,7 @@ from glucoloop.cli.errors import written_whole
 from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, options_of
 from glucoloop.cli.screen import for_terminal, note, stage
 from glucoloop.component.base import Component
-from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
+from glucoloop.component.grammar import NAME, NONE, Leaf, Tree, as_table, as_tables, as_tree, over, plain, put
 from glucoloop.patients.catalogue import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import configuration_from
@@ -96,7 +96,7 @@ def command_request(typed: Given, options: Iterable[CommandOption]) -> CommandRe
         if option.key in typed:
             chain = as_tables(tree.get("sensor", []), "sensor")
             tree["sensor"] = _with_component(
-                chain, name, {setting: GivenValue(typed[option.key], option.flag, by_option=True)}
+                chain, name, {setting: Leaf(typed[option.key], option.flag, by_option=True)}
             )
     for text in typed.get(SET.key, ()):
         path_to, equals, value = map(str.strip, text.partition("="))
@@ -121,15 +121,15 @@ def _leaf(option: CommandOption, value: Any) -> Any:
     if optional and any(text.strip() == NONE for text in texts):
         if len(texts) > 1:
             raise Refusal(f"{option.flag} none leaves all of them out; give it alone")
-        return [] if option.many else GivenValue(None, option.flag, text=False)
+        return [] if option.many else Leaf(None, option.flag, text=False)
     if setting.is_component:
         if not all(text.strip() for text in texts):
             raise Refusal(f"{option.flag} is empty; give a component or settings after it")
         components = [setting.kind.catalogue.tree(text, option.flag) for text in texts]
         return components if option.many else components[0]
     if option.many:
-        return [GivenValue(text, option.flag, by_option=True) for text in value]
-    return GivenValue(value, option.flag, text=isinstance(value, str), by_option=True)
+        return [Leaf(text, option.flag, by_option=True) for text in value]
+    return Leaf(value, option.flag, text=isinstance(value, str), by_option=True)
 
 
 def _laid_over(lower: Tree, upper: Tree) -> Tree:
@@ -185,7 +185,7 @@ def _with_component(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
     if any(plain(component.get(NAME)) == name for component in chain):
         return [{**component, **settings} if plain(component.get(NAME)) == name else component for component in chain]
     [leaf] = settings.values()
-    new = {NAME: GivenValue(name, leaf.source), **settings}
+    new = {NAME: Leaf(name, leaf.source), **settings}
     late = bool(chain) and name != "dead-time" and plain(chain[-1].get(NAME)) == "dead-time"
     return [*chain[:-1], new, chain[-1]] if late else [*chain, new]
 
@@ -202,7 +202,7 @@ def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
     if written.version not in (None, glucoloop.__version__):
         versions = f"was written by glucoloop {written.version}; this is {glucoloop.__version__}"
         note([f"{path} {versions}, and numbers may differ."])
-    return _beside(given(written.keys, str(path)), path), written.used
+    return _beside(as_tree(written.keys, str(path)), path), written.used
 
 
 def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
@@ -210,7 +210,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 
     def in_folder(leaf: Any) -> Any:
         is_text = isinstance(plain(leaf), str)
-        return GivenValue(str(path.parent / leaf.value), leaf.source, text=False) if is_text else leaf
+        return Leaf(str(path.parent / leaf.value), leaf.source, text=False) if is_text else leaf
 
     results = dict(tree)
     if "data" in results:

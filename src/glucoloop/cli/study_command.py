@@ -162,7 +162,7 @@ class _StudyRun:
         if not self.without_effect:
             return results
         notes = [*self.without_effect, *results.plain.get("notes", ())]
-        return dataclasses.replace(results, plain={**results.plain, "notes": notes})
+        return dataclasses.replace(results, values={**results.plain, "notes": notes})
 
     def work(self, what: str, may_change: Iterable[str] = ()) -> Work:
         """Work that a folder keeps."""
@@ -172,7 +172,7 @@ class _StudyRun:
             command=self.study.name,
             what=what,
             keys=self.config.tree(whole=True),
-            given=self.config.tree(),
+            explicit=self.config.tree(),
             final=_final(self.study),
             may_change=frozenset(may_change),
         )

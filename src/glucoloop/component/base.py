@@ -143,9 +143,9 @@ class Component:
 
     @classmethod
     def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The settings of an object, from explicit ones and defaults: components among them are complete.
+        """The attributes of an object, from all settings and what it is connected to: components are complete.
 
-        Those of a setting that is annotated as `Request` are left to be completed, and requests therefore.
+        Those of a setting that is annotated as `Request` are completed later, and are requests until then.
         """
         result = dict(values)
         for name, setting in cls.settings().items():
@@ -251,21 +251,23 @@ def _checking(component: type[Component], plain_init: Callable[..., None]) -> Ca
             return
         fields = dataclasses.fields(typing.cast(Any, component))
         names = [field.name for field in fields if not field.kw_only]
-        given = {**dict(zip(names, args, strict=False)), **kwargs}
+        arguments = {**dict(zip(names, args, strict=False)), **kwargs}
         known = {field.name for field in fields if field.init}
-        if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= known:
+        if len(args) > len(names) or len(arguments) < len(args) + len(kwargs) or not arguments.keys() <= known:
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
         settings = component.settings()
-        explicit = {name: _bare(_taken(component, name, value)) for name, value in given.items() if name in settings}
+        explicit = {
+            name: _bare(_taken(component, name, value)) for name, value in arguments.items() if name in settings
+        }
         defaults = {name: setting.default.noise_free for name, setting in settings.items()}
-        unconnected = {field.name for field in fields if field.default is None and given.get(field.name) is None}
+        unconnected = {field.name for field in fields if field.default is None and arguments.get(field.name) is None}
         wiring = {
             name: None if name in unconnected else _connected(component, name, value)
-            for name, value in given.items()
+            for name, value in arguments.items()
             if name not in settings
         }
         vars(self)["request"] = Request(component, explicit) if _request is None else _request
-        plain_init(self, **component.resolved({**defaults, **explicit}), **wiring)
+        plain_init(self, **component.resolved({**defaults, **explicit, **wiring}))
 
     return init
 

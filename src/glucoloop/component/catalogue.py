@@ -21,7 +21,7 @@ P = TypeVar("P", bound=Component)
 HOMES: Final = {
     "patient": "glucoloop.patients.catalogue:PATIENTS",
     "meal model": "glucoloop.meals.settings:MEAL_MODELS",
-    "rescue": "glucoloop.meals.settings:RESCUES",
+    "rescue": "glucoloop.meals.rescue:RESCUES",
     "habit": "glucoloop.meals.habits:HABITS",
     "scenario": "glucoloop.situations.scenarios:SCENARIOS",
     "sensor": "glucoloop.sensors:SENSORS",
@@ -125,8 +125,8 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
                 raise Refusal(f"{plain(tree)!r} is no {self._base.kind}; give a text like {self.example!r}, or a table")
             name = plain(tree.get(NAME, self.default if self.unnamed else None))
             if not isinstance(name, str) or not name:
-                given = f"no {self._base.kind} is named" if name is None else f"{name!r} names no {self._base.kind}"
-                raise Refusal(f"{given}; begin with its name, like {self.example!r}")
+                problem = f"no {self._base.kind} is named" if name is None else f"{name!r} names no {self._base.kind}"
+                raise Refusal(f"{problem}; begin with its name, like {self.example!r}")
             component = self.find(name)
         except Refusal as error:
             raise error.within(source) from None

@@ -98,11 +98,11 @@ def added(group: str, name: str) -> Any | None:
             "give it on the command line too",
             "add --allow-code if you trust the file and the module",
         )
-    return found(name, points.get(name, name)) if ":" in name or name in points else None
+    return entry_point(name, points.get(name, name)) if ":" in name or name in points else None
 
 
 @functools.cache
-def found(name: str, value: str) -> Any:
+def entry_point(name: str, value: str) -> Any:
     """Object at a place, noted under the name by which it was asked for; a module is looked for once."""
     if name == value:
         global _from_here

@@ -20,14 +20,14 @@ NAME: Final = "name"
 NONE: Final = "none"
 """Text in place of a component or a list that leaves it out."""
 Tree = dict[str, Any]
-"""A component as plain values: its name, and the settings that were given; a nested component is a tree."""
+"""A component as plain values: its name, and the explicit settings; a nested component is a tree."""
 _BARE: Final = re.compile(r"[^,='\"()\[\]]+")
 _DEEPEST: Final = 10
 """Largest number of components within one another."""
 
 
 @dataclass(frozen=True)
-class GivenValue:
+class Leaf:
     """A value as it was given, and the option or file in which it stood."""
 
     value: object
@@ -47,7 +47,7 @@ def component_tree(text: str, source: str, example: str = "mpc, move_horizon=2")
     for number, item in enumerate(_pieces(text, before)):
         key, is_setting, value = (piece.strip() for piece in item.partition("="))
         if not is_setting and number == 0 and key:
-            tree[NAME] = GivenValue(_unquoted(key), source)
+            tree[NAME] = Leaf(_unquoted(key), source)
         elif not is_setting or not key.isidentifier() or not value:
             raise Refusal(
                 f"{source}: {item.strip()!r} in {text!r} is no setting with a value; write it like {example!r}"
@@ -59,7 +59,7 @@ def component_tree(text: str, source: str, example: str = "mpc, move_horizon=2")
         elif value[0] == "[" and value[-1] == "]":
             tree[key] = _listed(value[1:-1], source, example)
         else:
-            tree[key] = GivenValue(_unquoted(value), source)
+            tree[key] = Leaf(_unquoted(value), source)
     return tree
 
 
@@ -67,7 +67,7 @@ def _listed(text: str, source: str, example: str) -> list[Any]:
     """Items of a list from the text between its brackets."""
     items = [piece.strip() for piece in _pieces(text, f"{source}: " if source else "")] if text.strip() else []
     return [
-        component_tree(item[1:-1], source, example) if item[:1] == "(" else GivenValue(_unquoted(item), source)
+        component_tree(item[1:-1], source, example) if item[:1] == "(" else Leaf(_unquoted(item), source)
         for item in items
     ]
 
@@ -116,27 +116,27 @@ def _value_text(value: Any) -> str:
     return text if _BARE.fullmatch(text) and text == text.strip() else f"{quote}{text}{quote}"
 
 
-def given(plain: Any, source: str) -> Any:
+def as_tree(plain: Any, source: str) -> Any:
     """Plain values of a file, each with the place in which it stands."""
     if isinstance(plain, Mapping):
-        return {str(key): given(value, source) for key, value in plain.items()}
+        return {str(key): as_tree(value, source) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
-        return [given(value, source) for value in plain]
-    return GivenValue(plain, source, text=False)
+        return [as_tree(value, source) for value in plain]
+    return Leaf(plain, source, text=False)
 
 
 def plain(tree: Any) -> Any:
-    """Given values without their places."""
+    """The values of a tree without their places."""
     if isinstance(tree, Mapping):
         return {key: plain(value) for key, value in tree.items()}
     if isinstance(tree, list | tuple):
         return [plain(value) for value in tree]
-    return tree.value if isinstance(tree, GivenValue) else tree
+    return tree.value if isinstance(tree, Leaf) else tree
 
 
 def place(tree: Any) -> str:
     """Option or file in which the first value of a tree stood."""
-    if isinstance(tree, GivenValue):
+    if isinstance(tree, Leaf):
         return tree.source
     inner = tree.values() if isinstance(tree, Mapping) else tree if isinstance(tree, list) else ()
     return next(filter(None, map(place, inner)), "")
@@ -200,7 +200,7 @@ def _changed(leaf: Any) -> Any:
 
 def as_table(leaf: Any, tree_of: Callable[[str, str], Tree] = component_tree) -> Any:
     """A component of a tree as a table, also where it stands as a text."""
-    if isinstance(leaf, GivenValue) and isinstance(leaf.value, str):
+    if isinstance(leaf, Leaf) and isinstance(leaf.value, str):
         return tree_of(leaf.value, leaf.source)
     return leaf
 

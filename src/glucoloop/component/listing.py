@@ -54,31 +54,35 @@ def described(component: type[Component]) -> dict[str, Any]:
 
 
 def _setting(component: type[Component], setting: Setting) -> dict[str, Any]:
-    usual: dict[str, Any] = {"": setting.default.noise_free}
+    defaults: dict[str, Any] = {"": setting.default.noise_free}
     if setting.is_component:
         components = setting.default.noise_free
         components = [components] if isinstance(components, Request) else components or ()
         named = [component_text(component.tree()) for component in components]
         more = f"; and {len(named) - _MAX_COMPONENTS} more" if len(named) > _MAX_COMPONENTS else ""
-        usual = {"": "; ".join(named[:_MAX_COMPONENTS]) + more} if named else {}
+        defaults = {"": "; ".join(named[:_MAX_COMPONENTS]) + more} if named else {}
     if setting.default.noisy is not None:
-        usual["with noise"] = setting.default.noisy
+        defaults["with noise"] = setting.default.noisy
     subcutaneous = component.defaults_of_route(SUBCUTANEOUS)
     if setting.name in subcutaneous:
-        usual["under the skin"] = subcutaneous[setting.name]
+        defaults["under the skin"] = subcutaneous[setting.name]
     return {
         "name": setting.name,
         "summary": setting.summary,
         "possible": setting.possible,
         "unit": "" if setting.is_component else setting.unit,
-        "usual": usual,
+        "usual": defaults,
     }
 
 
 def listing(components: list[dict[str, Any]], width: int = 100) -> str:
-    """Descriptions as text: a line for each of several components, or everything about one."""
-    if len(components) == 1:
-        return "\n".join(line for text, indent in _whole(components[0]) for line in _wrapped(text, indent, width))
+    """Descriptions as text: a line for each of several components, or everything about one, or those of one name."""
+    if len({component["name"] for component in components}) == 1:
+        wholes = (
+            "\n".join(line for text, indent in _whole(component) for line in _wrapped(text, indent, width))
+            for component in components
+        )
+        return "\n\n".join(wholes)
     lines: list[str] = []
     kind = ""
     for component in components:
@@ -99,8 +103,8 @@ def _whole(component: dict[str, Any]) -> Iterator[tuple[str, int]]:
         yield f"  Route of insulin: {component['insulin_route']}", 4
         yield f"  Usual: {', '.join(f'{name} {value:g}' for name, value in component['usual'].items())}", 4
     for setting in component["settings"]:
-        usual = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["usual"].items())
-        yield f"  {setting['name']}{f' = {usual}' if usual else ''}   ({setting['possible']})", 6
+        defaults = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["usual"].items())
+        yield f"  {setting['name']}{f' = {defaults}' if defaults else ''}   ({setting['possible']})", 6
         yield f"      {setting['summary']}", 6
     for source in component["sources"]:
         yield f"  Source: {source}", 4

@@ -124,8 +124,13 @@ class PytreeComponent(Component):
 
     @classmethod
     def _rebuilt(cls, values: Mapping[str, Any]) -> Self:
+        return cls._of({"request": Request(cls), **dict.fromkeys(cls._attributes().host, ABSENT), **values})
+
+    @classmethod
+    def _of(cls, attributes: Mapping[str, Any]) -> Self:
+        """An object with these attributes, which the constructor would refuse where JAX has put something else."""
         whole = object.__new__(cls)
-        vars(whole).update({"request": Request(cls), **dict.fromkeys(cls._attributes().host, ABSENT), **values})
+        vars(whole).update(attributes)
         return whole
 
     def replaced(self, **values: Any) -> Self:
@@ -133,12 +138,10 @@ class PytreeComponent(Component):
 
         What is derived follows, unless it is among the values; within a program it stays as it is.
         """
-        whole = object.__new__(type(self))
         old = vars(self)
         if not any(value is ABSENT for value in old.values()):
             old = {name: value for name, value in old.items() if name not in self.derived_names()}
-        vars(whole).update({**old, **values})
-        return whole
+        return self._of({**old, **values})
 
     def made(self, **surroundings: Any) -> Any:
         """The same connected to its surroundings: of these it takes those that it has fields for."""

@@ -58,20 +58,20 @@ class Tuned:
         return f"{self.low:.12g}:{self.high:.12g}"
 
 
-def parse_range(text: str, usual: Tuned) -> Tuned | float:
+def parse_range(text: str, default: Tuned) -> Tuned | float:
     """Range from a text: ``.1:2``, with both ends; or one number, which is fixed. Numbers may have their unit.
 
     The default range of the setting says whether its logarithm is searched.
     """
-    unit = UNIT_BY_ENDING.get(ending_of(usual.name), "")
+    unit = UNIT_BY_ENDING.get(ending_of(default.name), "")
     numbers = [
         float(result) for part in text.split(":") if (result := number_with_unit(part.strip(), unit)) is not None
     ]
     if len(numbers) != text.count(":") + 1 or len(numbers) > _ENDS or not all(map(math.isfinite, numbers)):
-        raise Refusal(f"{usual.name} is {text!r}; write it like .1:2, or one number that is kept")
+        raise Refusal(f"{default.name} is {text!r}; write it like .1:2, or one number that is kept")
     if len(numbers) == 1:
         return numbers[0]
     try:
-        return Tuned(usual.name, numbers[0], numbers[1], log=usual.log)
+        return Tuned(default.name, numbers[0], numbers[1], log=default.log)
     except Refusal as error:
-        raise Refusal(f"{usual.name} is {text!r}: {error}") from None
+        raise Refusal(f"{default.name} is {text!r}: {error}") from None

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, component_text, place, plain
+from glucoloop.arguments import is_traced
+from glucoloop.component.grammar import NAME, NONE, Leaf, Tree, component_text, place, plain
 from glucoloop.component.setting import Default, Setting, WithUnit
 from glucoloop.refusal import Refusal
 
@@ -121,6 +122,8 @@ def _plain(value: Any, whole: bool) -> Any:
         return [_plain(item, whole) for item in value]
     if isinstance(value, WithUnit):
         return value.text
+    if hasattr(value, "tolist") and not is_traced(value):  # of NumPy or JAX, where numbers were replaced by people's
+        return value.tolist()
     return value.tree(whole=whole) if isinstance(value, Request) or hasattr(value, "as_request") else value
 
 
@@ -153,7 +156,7 @@ def read(
             continue
         value, label = _value(setting, leaf), ": ".join(filter(None, (at, component.name if NAME in tree else "")))
         first = leaf[0] if isinstance(leaf, list) and leaf else leaf
-        if isinstance(first, GivenValue) and first.by_option:
+        if isinstance(first, Leaf) and first.by_option:
             setting, label = setting.renamed(at), ""
         values[key] = setting.check(value, label)
         if not allow_unusual:
@@ -168,7 +171,7 @@ def _value(setting: Setting, leaf: Any) -> Any:
     value = plain(leaf)
     if not isinstance(value, str):
         return value
-    typed = isinstance(leaf, GivenValue) and leaf.text
+    typed = isinstance(leaf, Leaf) and leaf.text
     return setting.read(value) if typed or has_unit(setting, value) else value
 
 

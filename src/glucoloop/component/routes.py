@@ -1,4 +1,4 @@
-"""Routes of insulin, and what is usual of a patient with insulin by each, unless its own entry says otherwise."""
+"""Routes of insulin, and the defaults of a patient with insulin by each, unless its own entry says otherwise."""
 
 from __future__ import annotations
 

@@ -9,7 +9,6 @@ from .linear_mpc import LinearMPC as LinearMPC
 from .linear_mpc import design_linear_mpc as design_linear_mpc
 from .loop_like import LoopLike as LoopLike
 from .meal_mpc import MealMPC as MealMPC
-from .meal_mpc import MealTuning as MealTuning
 from .meal_mpc import design_meal_mpc as design_meal_mpc
 from .mpc_se import MPCSE as MPCSE
 from .mpc_se import design_mpc_se as design_mpc_se
@@ -30,5 +29,6 @@ from .protocol import Controller as Controller
 from .protocol import Decision as Decision
 from .protocol import Observation as Observation
 from .protocol import Status as Status
+from .tuning import MealTuning as MealTuning
 from .tuning import MPCTuning as MPCTuning
 from .tuning import StateTuning as StateTuning

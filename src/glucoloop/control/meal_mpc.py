@@ -7,7 +7,6 @@ Control Optim. 43(5), 2005.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import KW_ONLY
 from typing import Annotated, Any, ClassVar, Final, Literal
@@ -15,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
-from glucoloop.component.effects import ANNOUNCEMENTS, READINGS, TIME_OF_DAY, Need
+from glucoloop.component.effects import TIME_OF_DAY, Need
 from glucoloop.component.pytree_component import DATA, STATIC, wired
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.request import by_default
@@ -32,17 +31,10 @@ from glucoloop.control.decision import (
 )
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import response_at_rest, suited
-from glucoloop.control.part import SensorLag
+from glucoloop.control.meal_forecast import Ahead, MealForecast
+from glucoloop.control.part import CAUTION, SensorLag
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import (
-    DEFAULT_FLOOR_WEIGHT,
-    FloorGlucose,
-    FloorWeight,
-    MoveWeight,
-    MPCTuning,
-    OutputWeight,
-    PredictionHorizon,
-)
+from glucoloop.control.tuning import MealTuning
 from glucoloop.estimation.unknown_meal import (
     ESTIMATORS,
     EstimatorComponent,
@@ -51,14 +43,11 @@ from glucoloop.estimation.unknown_meal import (
     MealHabits,
     Sensed,
 )
-from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
 from glucoloop.estimation.unknown_meal.habits import earlier
-from glucoloop.meals.stomach import Announced, Gut, Stomach, announce, digest, gut_of, serve
 from glucoloop.models.nonlinear import (
     FedModel,
     IndividualModel,
-    advance_with_rough_tangents,
     individual_model,
 )
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -74,8 +63,6 @@ _MAX_VARIANCE: Final = 1.45
 
 A correlated error that is taken for white noise looks like a meal.
 """
-_DOUBTED_VARIANCE: Final = 3.0
-"""(mg/dl)^2 of noise at which half of `gut_doubt` counts."""
 _CAUTIOUS_VARIANCE: Final = 5.0
 """(mg/dl)^2 of noise at which half of `caution_mg_dl` is left."""
 _LASTING_DOUBT: Final = 0.1
@@ -90,65 +77,6 @@ _AT_REST_MG: Final = 1000.0
 
 
 _STEADY: Final = Need("meals_by_time takes its place")
-_CAUTION: Final = Need("caution_weight is 0")
-
-
-class MealTuning(MPCTuning):
-    """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
-
-    The caution weight is multiplied by ``sqrt(P (1 - P) + 0.1)``: the variance of whether there is a meal, and what is
-    not known of a certain one, its end and the speed of the stomach. At an anticipation of 1 glucose rests a little
-    below the setpoint, 0.2 mg/dl without noise and 0.8 with noise of variance 1.45, and the peak after 50 g is lower by
-    0.2 and 0.5. At 0 it rests 0.1 below with this noise, and at the setpoint without noise.
-    """
-
-    used: ClassVar = frozenset({READINGS, ANNOUNCEMENTS})
-
-    prediction_horizon: PredictionHorizon = 12
-    output_weight: Annotated[OutputWeight, DATA] = 1.0
-    move_weight: Annotated[MoveWeight, DATA] = 0.22
-    caution_weight: Annotated[float, About("Weight on low glucose if the meal ended at once.", at_least=0.0), DATA] = (
-        3.5
-    )
-    caution_mg_dl: Annotated[
-        float,
-        About(
-            "Distance below the setpoint at which that counts as low without noise, in mg/dl; less with noise.",
-            at_least=0.0,
-            needs=(_CAUTION,),
-        ),
-        DATA,
-    ] = 2.2
-    glucose_floor_mg_dl: Annotated[FloorGlucose, DATA] = 65.0
-    floor_weight: Annotated[FloorWeight, DATA] = DEFAULT_FLOOR_WEIGHT
-    anticipation: Annotated[
-        float,
-        About(
-            "Share of the always expected meals for which insulin is given; 0: glucose rests at the setpoint.",
-            at_least=0.0,
-            at_most=1.0,
-        ),
-        DATA,
-    ] = 0.0
-    doubt: Annotated[
-        float,
-        About(
-            "Share of the unexplained appearance of glucose that may stop at once; 1: no dose rests on it alone.",
-            at_least=0.0,
-            at_most=1.0,
-        ),
-        DATA,
-    ] = 1.0
-    gut_doubt: Annotated[
-        float,
-        About(
-            "Share of the content of stomach and gut that the lowest likely forecast lacks if noise is large.",
-            at_least=0.0,
-            below=1.0,
-        ),
-        DATA,
-    ] = 0.4
-    iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10), STATIC] = 1
 
 
 @pytree
@@ -168,18 +96,6 @@ class _MealMPCState:
     """Unexplained appearance at steady state, such as a wrong basal rate leaves, from 0: it does not stop at once."""
     to_come: MealsToCome | None = None
     """Announced meals that are still to be eaten; None where observations tell no time of eating."""
-
-
-@pytree
-class _Ahead:
-    """State of a forecast."""
-
-    x: jax.Array
-    stomach: Stomach
-    announced: Announced
-    eating: jax.Array
-    disturbance: jax.Array
-    gut: Gut
 
 
 class MealMPC(MealTuning, name="meal-mpc"):
@@ -287,7 +203,7 @@ class MealMPC(MealTuning, name="meal-mpc"):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the controller meets; the time of day where meals are expected by it."""
-        cautious = frozenset({_CAUTION} if self.caution_weight else ())
+        cautious = frozenset({CAUTION} if self.caution_weight else ())
         return super().uses() | cautious | frozenset({TIME_OF_DAY} if self.needs_time_of_day else {_STEADY})
 
     @property
@@ -413,9 +329,12 @@ class MealMPC(MealTuning, name="meal-mpc"):
         )
         estimator_state, estimate = self.meal_estimator.step(self.model, state.estimator, sensed)
         unexpected = self.expected.without(estimate, 1.0 - self.anticipation, sensed.time_of_day_min)
-        now = self._to_this_sample(unexpected, rates[1:], announced[1:])
+        forecast = self._forecast()
+        now = forecast.to_this_sample(unexpected, rates[1:], announced[1:])
         lasting = self._learned(state.lasting_mg_min, estimate, observation.setpoint_mg_dl, known)
-        moves, converged = self._plan(now, unexpected, lasting, state.planned, observation.setpoint_mg_dl, delivered)
+        moves, converged = self._plan(
+            forecast, now, unexpected, lasting, state.planned, observation.setpoint_mg_dl, delivered
+        )
 
         fresh = self.init(observation)
         sound = _finite(estimator_state) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
@@ -453,57 +372,20 @@ class MealMPC(MealTuning, name="meal-mpc"):
             return None
         return earlier(observation.time_of_day_min, self.dead_time_samples * self.sample_time_min)
 
-    def _sample(self, at: _Ahead, insulin: jax.Array, goes_on: jax.Array) -> _Ahead:
-        """One sample of a forecast; `goes_on` is the probability that a meal under way is still served in it."""
-        h = self.sample_time_min
-        eating = at.eating * goes_on
-        announced, served = serve(at.announced, h)
-        stomach, appearance = digest(at.stomach, eating + served, h, at.gut)
-        x = advance_with_rough_tangents(self.model, at.x, insulin, appearance.at[0].add(at.disturbance))
-        disturbance = fading(at.disturbance, at.stomach, stomach)
-        return dataclasses.replace(
-            at, x=x, stomach=stomach, announced=announced, eating=eating, disturbance=disturbance
+    def _forecast(self) -> MealForecast:
+        return MealForecast(
+            model=self.model,
+            ends=self.ends,
+            doubt=self.doubt,
+            gut_doubt=self.gut_doubt,
+            dead_time_samples=self.dead_time_samples,
+            sample_time_min=self.sample_time_min,
         )
-
-    def _to_this_sample(self, estimate: MealEstimate, rates: jax.Array, announced: jax.Array) -> _Ahead:
-        """Predict through the known dead time, under the rates that were delivered since."""
-        at = _Ahead(
-            x=estimate.x,
-            stomach=estimate.stomach,
-            announced=estimate.announced,
-            eating=estimate.eating,
-            disturbance=estimate.disturbance_mg_min,
-            gut=gut_of(estimate.gut_min, self.sample_time_min),
-        )
-        for i in range(self.dead_time_samples):
-            at = self._sample(at, rates[i], 1.0 - self.ends)
-            at = dataclasses.replace(at, announced=announce(at.announced, announced[i]))
-        return at
-
-    def _forecasts(self, now: _Ahead, lasting: jax.Array, variance: jax.Array, rates: jax.Array) -> jax.Array:
-        """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: expected, and if a meal ends now.
-
-        In the second a share of what is in stomach and gut is not there, and what is not lasting of the unexplained
-        appearance ends, as far as they are doubted.
-        """
-        goes_on = jnp.stack([1.0 - self.ends, jnp.zeros_like(self.ends)])
-
-        def one(at: _Ahead, insulin: jax.Array) -> tuple[_Ahead, jax.Array]:
-            at = jax.vmap(self._sample, in_axes=(0, None, 0))(at, insulin, goes_on)
-            return at, jax.vmap(self.model.glucose_mg_dl)(at.x)
-
-        there = 1.0 - self.gut_doubt * variance / (variance + _DOUBTED_VARIANCE)
-        ends = dataclasses.replace(
-            now,
-            stomach=jax.tree.map(lambda estimator_state: there * estimator_state, now.stomach),
-            disturbance=now.disturbance - self.doubt * jnp.maximum(now.disturbance - lasting, 0.0),
-        )
-        twice = jax.tree.map(lambda *leaves: jnp.stack(leaves), now, ends)
-        return jax.lax.scan(one, twice, rates)[1].T
 
     def _plan(
         self,
-        now: _Ahead,
+        forecast: MealForecast,
+        now: Ahead,
         estimate: MealEstimate,
         lasting: jax.Array,
         moves: jax.Array,
@@ -520,7 +402,7 @@ class MealMPC(MealTuning, name="meal-mpc"):
 
         def glucose(moves: jax.Array) -> tuple[jax.Array, jax.Array]:
             rates = delivered + jnp.cumsum(jnp.concatenate([moves, jnp.zeros(p - m)]))
-            both = self._forecasts(now, lasting, variance, rates)
+            both = forecast.glucose_mg_dl(now, lasting, variance, rates)
             return both, both
 
         limits = {

@@ -68,6 +68,7 @@ FittedStep = Annotated[
     ),
 ]
 FLOOR: Final = Need("glucose_floor_mg_dl is 0, so that there is no floor")
+CAUTION: Final = Need("caution_weight is 0")
 FOR_MEALS: Final = (MEALS, MEALS_ANNOUNCED)
 """Needs of a setting that is for announced meals."""
 CarbRatio = Annotated[
@@ -128,7 +129,7 @@ class ControllerComponent(PytreeComponent):
     """Whether it takes long to compile, up to a minute, and some twenty times as long as linear MPC to decide, so that
     studies of many loops use fewer and shorter ones with it."""
     searched: ClassVar[tuple[Tuned, ...]] = ()
-    """Settings that `glucoloop robust` can search, with their usual ranges."""
+    """Settings that `glucoloop robust` can search, with their default ranges."""
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)

@@ -40,7 +40,7 @@ from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, Bol
 from glucoloop.qp.bounded_rates import OneSided, minimise_rates
 from glucoloop.therapy import Profile
 from glucoloop.unit_guess import GLUCOSE_BOUND
-from glucoloop.units import MG_PER_G
+from glucoloop.units import MG_PER_G, MU_PER_U
 
 _BLOCK_ENDS_MIN: Final = (15.0, 30.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
 """Ends of the blocks of the plan, in each of which the rate is held; the first one is a sample."""
@@ -91,11 +91,12 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     within the pump's limits, minimise::
 
         sum over t of  h(G - r) + b/2 max(0, r - G)^2 + f/2 max(0, floor - G_c)^2
-            + sum over j of  w_j/2 (g_u (u_j - u_b) / u_n)^2
+            + sum over j of  w_j/2 (CF (u_j - u_b))^2
 
     where h is half the square of ``max(0, G - r)`` up to some distance above the target r and straight beyond, so that
-    a high peak asks for no more insulin than a lower one that lasts as long. Rates are weighed as multiples of what the
-    basal rate does in the nominal person, so that one weight is right for families who need much or little insulin.
+    a high peak asks for no more insulin than a lower one that lasts as long. Rates are weighed by what they do to the
+    glucose of this person, in mg/dl for each minute, so that one weight is right for people who need much or little
+    insulin, whatever the equations of the model.
     What is wanted at once, beyond the rate that follows, is a bolus: with an announced meal, and at other times if the
     pump can give one so small and `automatic_boluses` allows it. The boluses that the pump reports are part of what was
     delivered.
@@ -108,8 +109,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     ``u``         rates of the blocks                                          (10,)
     ``w``         weight of each rate; none on a bolus for an announced meal   (10,)
     ``u_b``       basal rate of the person                                     ()
-    ``u_n``       that of the nominal person                                   ()
-    ``g_u``       gain of insulin relative to the nominal person's             ()
+    ``CF``        correction factor of the person that the model believes      ()
     ============  ===========================================================  ======
 
     The program is solved in a fixed number of rounds (`qp.bounded_rates`), for two linearisations at each sample,
@@ -154,8 +154,10 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         DATA,
     ] = 0.5
     move_weight: Annotated[
-        float, About("Weight on planned rates away from the basal rate, as multiples of it.", at_least=0.0), DATA
-    ] = 45.0
+        float,
+        About("Weight on planned rates away from the basal rate, by their effect in mg/dl/min.", at_least=0.0),
+        DATA,
+    ] = 180.0
     bolus_weight: Annotated[
         float,
         About(
@@ -163,7 +165,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
             at_least=0.0,
         ),
         DATA,
-    ] = 7.0
+    ] = 28.0
     automatic_boluses: Annotated[
         bool,
         About(
@@ -206,6 +208,10 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     sensor_error_mg_dl: Annotated[
         float, About("Standard deviation of a correlated error of the sensor; 0: none.", at_least=0.0)
     ] = 9.0
+    start_error_mg_dl: Annotated[
+        float,
+        About("Standard deviation of the distance of glucose from the target at the start, in mg/dl.", at_least=0.0),
+    ] = 40.0
     sensor_lag_min: SensorLag = 10.0
 
     _: KW_ONLY
@@ -282,6 +288,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
                 sensor_error_mg_dl=self.sensor_error_mg_dl,
                 sensor_correlation=CORRELATION ** (sample / SAMPLE_MIN),
                 gut_time_error=self.gut_error_pct / 100.0,
+                start_error_mg_dl=self.start_error_mg_dl,
                 fed=model.fed_states(),
             ),
             forecast=forecast,
@@ -309,7 +316,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         return {
             "insulin_gain": self.model.insulin_gain,
             "meal_gain": self.model.meal_gain,
-            "believed_correction_mg_dl_U": self.model.insulin_gain * self.model.own_correction_mg_dl_U,
+            "believed_correction_mg_dl_U": self.model.correction_mg_dl_U,
             "believed_carb_ratio_g_U": self.model.insulin_gain / self.model.meal_gain * self.model.own_carb_ratio_g_U,
         }
 
@@ -430,8 +437,8 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         most = jnp.append(up, others + highest)
         # a bolus for a meal costs nothing by its size
         first = jnp.where(eats, 0.0, self.bolus_weight if self.automatic_boluses else self.move_weight)
-        relative = self.model.insulin_gain / self.model.nominal.insulin_mU_min
-        preference = relative**2 * blocks * jnp.append(first, others + self.move_weight)
+        effect_mg_dl_mU = self.model.correction_mg_dl_U / MU_PER_U
+        preference = effect_mg_dl_mU**2 * blocks * jnp.append(first, others + self.move_weight)
 
         def expected(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
             glucose = self._glucose(estimate, later, plan)

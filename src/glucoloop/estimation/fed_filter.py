@@ -10,6 +10,8 @@ The time constant is the person's own and is learned, from meal to meal, as a sh
 one speed, a meal that appears fast is taken for a larger meal. It is never accepted to be longer than the default one,
 since glucose that rises for longer than a meal should is then taken for the tail of a meal, and gets insulin for hours.
 
+At the start all states of glucose are wrong by one share, as those of a person at rest at another glucose are.
+
 References
 ----------
 A. H. Jazwinski, Stochastic Processes and Filtering Theory, Academic Press, 1970, Sec. 8.3 (the filter).
@@ -83,6 +85,8 @@ class FedFilter:
     """Correlation of that error from one sample to the next."""
     gut_time_error: jax.Array | float
     """Relative standard deviation of the time constants of people's guts."""
+    start_error_mg_dl: jax.Array | float
+    """Standard deviation of glucose at the start from that of the model at steady state."""
     fed: tuple[int, ...] = static()
     """Numbers of the states of the model that appearance reaches."""
 
@@ -110,16 +114,19 @@ class FedFilter:
         return GutCompartments(time_to_peak_min=self.gut.time_to_peak_min * jnp.exp(estimate.log_gut_time))
 
     def init(self, model: ProfiledModel) -> FedEstimate:
-        """Estimate of a person at steady state with an empty gut."""
-        none, certain = jnp.zeros_like(jnp.asarray(model.basal_mU_min, float)), jnp.zeros(len(self.fed) + 3)
-        errors = [jnp.asarray(error, float) for error in (self.sensor_error_mg_dl, self.gut_time_error)]
+        """Estimate of a person at steady state with an empty gut, whose glucose is yet to be read."""
+        none = jnp.zeros_like(jnp.asarray(model.basal_mU_min, float))
+        rest = jnp.asarray(model.nominal.state, float)
+        share = self._fed(rest) * (self.start_error_mg_dl / model.glucose_mg_dl(rest))
+        errors = [jnp.asarray(error, float) ** 2 for error in (self.sensor_error_mg_dl, self.gut_time_error)]
+        others = jnp.diag(jnp.concatenate([jnp.zeros(len(self.fed) + 3), jnp.stack(errors)]))
         return FedEstimate(
-            x=jnp.asarray(model.nominal.state, float) + none,
+            x=rest + none,
             gut_mg=jnp.zeros(2) + none,
             disturbance_mg_min=none,
             sensor_mg_dl=none,
             log_gut_time=none,
-            covariance=jnp.diag(jnp.concatenate([certain, jnp.stack(errors) ** 2])) + none,
+            covariance=jnp.pad(jnp.outer(share, share), (0, 5)) + others + none,
         )
 
     def predict(self, model: ProfiledModel, estimate: FedEstimate, insulin_mU_min: jax.Array) -> FedEstimate:

@@ -142,8 +142,9 @@ def gridded_record(record: DeviceRecord, *, most_days: int = 28) -> GriddedRecor
     readings = frame.filter(pl.col("glucose_mg_dl").is_finite())
     if not readings.height:
         raise Refusal("it has no reading; give a record with those of a sensor")
-    midnight = readings["time"][-1].replace(hour=0, minute=0, second=0, microsecond=0)
-    begin = readings["time"][0].replace(hour=0, minute=0, second=0, microsecond=0)
+    begin = _midnight_of(readings["time"][0])
+    last = readings["time"][-1] - dt.timedelta(microseconds=1)  # midnight itself is the end of a day
+    midnight = max(begin, _midnight_of(last))
     first = max(begin, midnight - dt.timedelta(days=most_days - 1))
     days = (midnight - first).days + 1
     samples = days * SAMPLES_PER_DAY
@@ -173,6 +174,10 @@ def gridded_record(record: DeviceRecord, *, most_days: int = 28) -> GriddedRecor
         basal_off_schedule_pct=off_schedule_pct,
         notes=tuple(notes),
     )
+
+
+def _midnight_of(time: dt.datetime) -> dt.datetime:
+    return time.replace(hour=0, minute=0, second=0, microsecond=0)
 
 
 def _minutes(frame: pl.DataFrame, first: dt.datetime) -> Values:

@@ -77,12 +77,17 @@ class ForecastMethod(Component):
         Refusal
             If fewer than five days have readings, or too few readings follow one another.
         """
+        self.refuse_few_days(training)
+        return scaled(self.predictor(training), training)
+
+    @staticmethod
+    def refuse_few_days(training: GriddedRecord) -> None:
+        """Refusal where fewer than five days have readings."""
         if training.days_with_readings < MIN_TRAINING_DAYS:
             raise Refusal(
                 f"{training.days_with_readings} of its days before those held out have readings, and a forecast is "
                 f"fitted on {MIN_TRAINING_DAYS} or more; give a longer record, or hold out fewer days"
             )
-        return scaled(self.predictor(training), training)
 
 
 @dataclass(frozen=True)

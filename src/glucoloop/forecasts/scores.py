@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, Places, Values
 from glucoloop.forecasts.method import Predictor, origins_of
+from glucoloop.units import MIN_PER_DAY
 
 DAY: Final = "day"
 """Name of the horizon of all readings of a day, forecast at the midnight with which it begins."""
@@ -18,11 +19,16 @@ DAY: Final = "day"
 class ForecastErrors(NamedTuple):
     """Forecasts beside the readings that came; all arrays are ``(forecasts,)``."""
 
-    day: Places
-    """Day of the reading, from the first one held out."""
+    t_min: Values
+    """Time of the reading, from the midnight with which the days held out begin."""
     forecast_mg_dl: Values
     reading_mg_dl: Values
     half_width_mg_dl: Values
+
+    @property
+    def day(self) -> Places:
+        """Day of each reading, from the first one held out."""
+        return ((self.t_min - 0.5 * SAMPLE_MIN) // MIN_PER_DAY).astype(np.int64)
 
     @property
     def error_mg_dl(self) -> Values:
@@ -68,5 +74,5 @@ def _judged(
     """Forecasts of samples that have a reading."""
     reading = np.append(record.reading_mg_dl, np.nan)[np.minimum(targets, record.reading_mg_dl.size)]
     there = np.isfinite(reading)
-    day = targets[there] // SAMPLES_PER_DAY - first_day
-    return ForecastErrors(day, mean_mg_dl[there], reading[there], half_width_mg_dl[there])
+    t_min = SAMPLE_MIN * (targets[there] + 1.0) - MIN_PER_DAY * first_day
+    return ForecastErrors(t_min, mean_mg_dl[there], reading[there], half_width_mg_dl[there])

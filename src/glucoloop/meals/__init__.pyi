@@ -19,6 +19,7 @@ from .protocol import LinearMealModel as LinearMealModel
 from .protocol import MealModel as MealModel
 from .protocol import OdeMealModel as OdeMealModel
 from .rescue import RescueCarbs as RescueCarbs
+from .rescue import RescueComponent as RescueComponent
 from .rescue import rescue_carbs as rescue_carbs
 from .roy_parker import RoyParkerGut as RoyParkerGut
 from .scenario import Meal as Meal
@@ -26,4 +27,3 @@ from .scenario import Scenario as Scenario
 from .scenario import eaten as eaten
 from .settings import MEAL_MODELS as MEAL_MODELS
 from .settings import MealModelComponent as MealModelComponent
-from .settings import RescueComponent as RescueComponent

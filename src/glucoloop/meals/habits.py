@@ -48,7 +48,7 @@ class HabitComponent(Component):
         """Refuse a plan in which the habit could never show."""
 
 
-class SkippedSettings(HabitComponent, name="skipped"):
+class Skipped(HabitComponent, name="skipped"):
     """Meals that are neither eaten nor announced."""
 
     probability: Probability = 0.1
@@ -60,7 +60,7 @@ class SkippedSettings(HabitComponent, name="skipped"):
         return days.changed(carbs_g=kept * days.carbs_g, announced_g=kept * days.announced_g)
 
 
-class UnannouncedSettings(HabitComponent, name="unannounced"):
+class Unannounced(HabitComponent, name="unannounced"):
     """Meals that are eaten and of which the controller is not told: a missed bolus."""
 
     of_announcements: ClassVar = True
@@ -72,7 +72,7 @@ class UnannouncedSettings(HabitComponent, name="unannounced"):
         return days.changed(announced_g=(1.0 - days.happens(self.probability, self.meal)) * days.announced_g)
 
 
-class UneatenSettings(HabitComponent, name="uneaten"):
+class Uneaten(HabitComponent, name="uneaten"):
     """Meals of which a part is left after all of it was announced."""
 
     of_announcements: ClassVar = True
@@ -86,7 +86,7 @@ class UneatenSettings(HabitComponent, name="uneaten"):
         return days.changed(carbs_g=(1.0 - left) * days.carbs_g)
 
 
-class AnnouncedLateSettings(HabitComponent, name="announced-late"):
+class AnnouncedLate(HabitComponent, name="announced-late"):
     """Meals that are announced some time after eating begins, or before it."""
 
     of_announcements: ClassVar = True
@@ -112,7 +112,7 @@ class AnnouncedLateSettings(HabitComponent, name="announced-late"):
         return days.changed(announced_min=days.announced_min + days.happens(self.probability, self.meal) * later_min)
 
 
-class SnackSettings(HabitComponent, name="snack"):
+class Snack(HabitComponent, name="snack"):
     """A snack beside the meals of the plan, of which the controller is usually not told."""
 
     carbs_g: Annotated[float, About("Carbohydrate of the snack.", above=0.0, at_most=1000.0, quantity=MEAL)] = 20.0
@@ -148,7 +148,7 @@ class SnackSettings(HabitComponent, name="snack"):
         )
 
 
-class WeekendSettings(HabitComponent, name="weekend"):
+class Weekend(HabitComponent, name="weekend"):
     """Days on which meals have other sizes and come later, as on Saturday and Sunday; day 1 is a Monday."""
 
     from_day: Annotated[int, About("First of these days in the week.", at_least=1, at_most=7)] = 6
@@ -175,12 +175,12 @@ class WeekendSettings(HabitComponent, name="weekend"):
 HABITS: Final = Catalogue(
     HabitComponent,
     {
-        "skipped": "glucoloop.meals.habits:SkippedSettings",
-        "unannounced": "glucoloop.meals.habits:UnannouncedSettings",
-        "uneaten": "glucoloop.meals.habits:UneatenSettings",
-        "announced-late": "glucoloop.meals.habits:AnnouncedLateSettings",
-        "snack": "glucoloop.meals.habits:SnackSettings",
-        "weekend": "glucoloop.meals.habits:WeekendSettings",
+        "skipped": "glucoloop.meals.habits:Skipped",
+        "unannounced": "glucoloop.meals.habits:Unannounced",
+        "uneaten": "glucoloop.meals.habits:Uneaten",
+        "announced-late": "glucoloop.meals.habits:AnnouncedLate",
+        "snack": "glucoloop.meals.habits:Snack",
+        "weekend": "glucoloop.meals.habits:Weekend",
     },
     example="unannounced, probability=0.2",
 )

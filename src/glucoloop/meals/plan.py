@@ -46,7 +46,7 @@ class MealPlan:
         Function of a seed and of persons ``(n,)`` that gives the day of each as `Eaten`, ``(meals, n)`` with as many
         meals as the plan, which then says what is eaten on average.
     habits : iterable of HabitComponent
-        Habits that change the meals, one after the other, such as `meals.habits.SkippedSettings`.
+        Habits that change the meals, one after the other, such as `meals.habits.Skipped`.
     warm_up_min : float
         Time before the start that is simulated and not counted; where days are repeated, it has their meals too.
 

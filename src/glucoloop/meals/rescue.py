@@ -8,15 +8,16 @@ it reaches the blood; a patient that digests in its own states eats it evenly un
 
 from __future__ import annotations
 
-import dataclasses
+from typing import Annotated, ClassVar, Final, Literal
 
-import jax
-import jax.numpy as jnp
-
-from glucoloop._pytree import pytree, static
+from glucoloop._lazy_jax import jax, jnp
+from glucoloop._pytree import pytree
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.pytree_component import STATIC, PytreeComponent, wired
+from glucoloop.component.setting import About
 from glucoloop.meals.ingestion import Ingestion
 from glucoloop.meals.protocol import MealModel
-from glucoloop.meals.settings import RescueSettings
+from glucoloop.unit_guess import GLUCOSE_BOUND, MEAL
 from glucoloop.units import MG_PER_G
 
 _LONG_AGO_MIN = 1e5
@@ -31,21 +32,50 @@ class RescueState:
     """(2, ...) rates at which the second compartment empties into the blood, and the first into the second."""
 
 
-@pytree
-class RescueCarbs:
-    """Carbohydrate that a person eats when glucose is low; make it with `rescue_carbs`."""
+class RescueComponent(PytreeComponent):
+    """Carbohydrate that a person eats against low glucose: a component with the members of `RescueCarbs`."""
 
-    below_mg_dl: jax.Array | float
-    carbs_g: jax.Array | float
-    again_min: jax.Array | float
-    time_to_maximum_min: jax.Array | float
-    by_reading: bool = static()
-    """Whether the person goes by the reading of the sensor; if not, by true glucose, as by symptoms or a meter."""
-    digested_by_patient: bool = static(default=False)
+    kind: ClassVar = "rescue"
+
+
+class RescueCarbs(RescueComponent, name="carbs"):
+    """Fast carbohydrate at low glucose, and again while it stays low: the rule of 15.
+
+    A time of 20 min to the largest appearance, half of that of a meal, is a choice here.
+
+    Examples
+    --------
+    >>> import glucoloop as gl
+    >>> gl.Scenario(rescue=gl.meals.rescue_carbs(65.0)).rescue.carbs_g
+    15.0
+    """
+
+    sources = ("ada2024",)
+    below_mg_dl: Annotated[
+        float,
+        About("Glucose below which the person eats, in mg/dl.", above=0.0, at_most=400.0, quantity=GLUCOSE_BOUND),
+    ] = 70.0
+    carbs_g: Annotated[float, About("Carbohydrate that is eaten.", above=0.0, at_most=1000.0, quantity=MEAL)] = 15.0
+    again_min: Annotated[
+        float, About("Time after which the person eats again if glucose is still low.", above=0.0, at_most=1440.0)
+    ] = 15.0
+    time_to_maximum_min: Annotated[
+        float, About("Time from eating to the largest appearance.", above=0.0, at_most=1440.0)
+    ] = 20.0
+    by: Annotated[
+        Literal["reading", "glucose"],
+        About("Whether the person goes by the reading of the sensor, or by true glucose, as by symptoms or a meter."),
+    ] = "reading"
+    digested_by_patient: bool = wired(STATIC, default=False)
+
+    @property
+    def by_reading(self) -> bool:
+        """Whether the person goes by the reading of the sensor."""
+        return self.by == "reading"
 
     def for_gut(self, gut: MealModel) -> RescueCarbs:
         """The same for a patient whose meals are absorbed by a model, or digested in the patient's own states."""
-        return dataclasses.replace(self, digested_by_patient=isinstance(gut, Ingestion))
+        return self.replaced(digested_by_patient=isinstance(gut, Ingestion))
 
     def init(self, like: jax.Array) -> RescueState:
         """State of a person who has not eaten against low glucose for long."""
@@ -80,45 +110,10 @@ class RescueCarbs:
         return RescueState(since_min=since, compartments_mg_min=jnp.stack([blood, gut])), eaten_g, moments + added
 
 
-def rescue_carbs(
-    below_mg_dl: float = 70.0,
-    carbs_g: float = 15.0,
-    again_min: float = 15.0,
-    time_to_maximum_min: float = 20.0,
-    by: str = "reading",
-) -> RescueCarbs:
-    """Carbohydrate that a person eats when glucose is low.
-
-    Parameters
-    ----------
-    below_mg_dl : float
-        Glucose below which the person eats.
-    carbs_g : float
-        Carbohydrate that is eaten at once.
-    again_min : float
-        Time after which the person eats again if glucose is still low.
-    time_to_maximum_min : float
-        Time from eating to the largest appearance; 20 min, half of that of a meal, is a choice here.
-    by : str
-        ``"reading"`` of the sensor, or true ``"glucose"``.
-
-    Raises
-    ------
-    ValueError
-        For a setting beyond its bounds.
-
-    Examples
-    --------
-    >>> import glucoloop as gl
-    >>> gl.Scenario(rescue=gl.meals.rescue_carbs(65.0)).rescue.carbs_g
-    15.0
-    """
-    settings = RescueSettings(
-        below_mg_dl=below_mg_dl,
-        carbs_g=carbs_g,
-        again_min=again_min,
-        time_to_maximum_min=time_to_maximum_min,
-        by=by,  # type: ignore[arg-type]
-    )
-    numbers = {name: value for name, value in settings.values().items() if name != "by"}
-    return RescueCarbs(**numbers, by_reading=settings.by == "reading")
+rescue_carbs: Final = RescueCarbs
+RESCUES: Final = Catalogue(
+    RescueComponent,
+    {"carbs": "glucoloop.meals.rescue:RescueCarbs"},
+    example="carbs, below_mg_dl=65",
+    unnamed=True,
+)

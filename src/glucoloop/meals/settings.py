@@ -6,12 +6,11 @@ group ``glucoloop.meal_models``.
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.base import MadeComponent
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.setting import About
-from glucoloop.unit_guess import GLUCOSE_BOUND, MEAL
 
 
 class MealModelComponent(MadeComponent):
@@ -84,40 +83,4 @@ MEAL_MODELS: Final = Catalogue(
         "dalla-man": "glucoloop.meals.settings:DallaManGutSettings",
     },
     example="hovorka, time_to_maximum_min=55",
-)
-
-
-class RescueComponent(MadeComponent):
-    """Declaration of what a person eats against low glucose, a `meals.RescueCarbs`."""
-
-    kind: ClassVar = "rescue"
-
-
-class RescueSettings(RescueComponent, name="carbs"):
-    """Fast carbohydrate at low glucose, and again while it stays low: the rule of 15."""
-
-    sources = ("ada2024",)
-    make: ClassVar = "glucoloop.meals:rescue_carbs"
-    below_mg_dl: Annotated[
-        float,
-        About("Glucose below which the person eats, in mg/dl.", above=0.0, at_most=400.0, quantity=GLUCOSE_BOUND),
-    ] = 70.0
-    carbs_g: Annotated[float, About("Carbohydrate that is eaten.", above=0.0, at_most=1000.0, quantity=MEAL)] = 15.0
-    again_min: Annotated[
-        float, About("Time after which the person eats again if glucose is still low.", above=0.0, at_most=1440.0)
-    ] = 15.0
-    time_to_maximum_min: Annotated[
-        float, About("Time from eating to the largest appearance.", above=0.0, at_most=1440.0)
-    ] = 20.0
-    by: Annotated[
-        Literal["reading", "glucose"],
-        About("Whether the person goes by the reading of the sensor, or by true glucose, as by symptoms or a meter."),
-    ] = "reading"
-
-
-RESCUES: Final = Catalogue(
-    RescueComponent,
-    {"carbs": "glucoloop.meals.settings:RescueSettings"},
-    example="carbs, below_mg_dl=65",
-    unnamed=True,
 )

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from glucoloop.simulation.loop import Sampled
 
+TARGET_RANGE_MG_DL: Final = (70.0, 180.0)
+"""Target range of the consensus on time in range, both ends included."""
 LOWEST_GLUCOSE_MG_DL: Final = 60.0
 """Lower bound on glucose, constraint (19) of Parker, Doyle & Peppas (1999)."""
 

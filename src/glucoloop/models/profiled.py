@@ -125,6 +125,11 @@ class ProfiledModel:
     meal_gain: Any = 1.0
     """g_m, the same of meals."""
 
+    @property
+    def correction_mg_dl_U(self) -> Any:
+        """Correction factor of the person that the model believes."""
+        return self.insulin_gain * self.own_correction_mg_dl_U
+
     def with_profile(self, profile: Profile) -> ProfiledModel:
         """Model of the person, or of people ``(people,)``, with a profile."""
         basal = jnp.asarray(profile.basal_mU_min, float)

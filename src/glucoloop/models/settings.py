@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.grammar import NAME, GivenValue, Tree
+from glucoloop.component.grammar import NAME, Leaf, Tree
 from glucoloop.component.setting import About
 from glucoloop.unit_guess import NOISE_VARIANCE
 
@@ -66,7 +66,7 @@ class _Models(Catalogue[ModelComponent]):
         """Tree of a model from its text, or from the path of a file."""
         path = text.strip()
         if path and "=" not in path.partition(",")[0] and path.partition(",")[0].strip() not in self:
-            return {NAME: GivenValue(FileComponent.name, source), "path": GivenValue(path, source, text=False)}
+            return {NAME: Leaf(FileComponent.name, source), "path": Leaf(path, source, text=False)}
         return super().tree(text, source)
 
 

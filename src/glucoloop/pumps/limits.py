@@ -204,11 +204,12 @@ class PumpComponent(PytreeComponent):
                 f"a sample time of {self.sample_time_min:g} min is not possible; give a finite one above 0 min"
             )
 
-    def _limits(self) -> tuple[DoseLimits, BolusLimits]:
+    @classmethod
+    def _limits(cls, values: Mapping[str, Any]) -> tuple[DoseLimits, BolusLimits]:
         """Limits of the settings, of the class, and of the paper."""
         defaults = {name: setting.default.noise_free for name, setting in PumpComponent.settings().items()}
-        values = {name: value for name, value in self.values().items() if value != defaults.get(name)}
-        settings = {**defaults, **self.own_limits, **values}
+        of_pump = {name: values[name] for name in cls.settings() if values[name] != defaults.get(name)}
+        settings = {**defaults, **cls.own_limits, **of_pump}
 
         def rate(name: str, default: Any) -> Any:
             return default if settings[name] is None else settings[name]
@@ -251,11 +252,12 @@ class LimitedPump(PumpComponent, name="limited"):
     """Limits of the rate; by default those of the settings."""
     bolus: BolusLimits = wired(DATA, default=None)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, limits in zip(("limits", "bolus"), self._limits(), strict=True):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, limits)
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The attributes, with limits that follow from the settings."""
+        of_settings = dict(zip(("limits", "bolus"), cls._limits(values), strict=True))
+        connected = {name: value for name, value in values.items() if value is not None or name not in of_settings}
+        return super().resolved({**of_settings, **connected})
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> jax.Array:
         """State of the pump: the last delivered rate."""
@@ -279,8 +281,11 @@ class PumpAround(PumpComponent):
     _: KW_ONLY
     inner: Pump = wired(DATA, default=None)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.inner is None:
-            limits, bolus = self._limits()
-            object.__setattr__(self, "inner", LimitedPump(limits=limits, bolus=bolus))
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The attributes, with a pump inside that keeps the limits of the settings."""
+        result = super().resolved(values)
+        if result.get("inner") is None:
+            limits, bolus = cls._limits(values)
+            result["inner"] = LimitedPump(limits=limits, bolus=bolus)
+        return result

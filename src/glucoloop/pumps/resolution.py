@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import KW_ONLY
 from typing import Annotated, Any, Final
 
@@ -45,10 +46,13 @@ class WholeSteps:
     step_mU_min: float
     least_mU_min: float
 
-    def __post_init__(self) -> None:
-        super().__post_init__()  # type: ignore[misc]
-        if self.limits is None:
-            object.__setattr__(self, "limits", getattr(self.inner, "limits", PARKER_1999_LIMITS))
+    @classmethod
+    def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The attributes, with the limits of the pump inside."""
+        result: dict[str, Any] = super().resolved(values)  # type: ignore[misc]
+        if result.get("limits") is None:
+            result["limits"] = getattr(result.get("inner"), "limits", PARKER_1999_LIMITS)
+        return result
 
     @derived
     def minimum_mU_min(self) -> Any:

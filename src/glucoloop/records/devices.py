@@ -57,3 +57,31 @@ def device_kinds(texts: pl.Series, otherwise: str) -> pl.Series:
     table = pl.DataFrame({"text": each, "device": kinds}, schema={"text": pl.String, "device": pl.String})
     joined = pl.DataFrame({"text": texts}).join(table, on="text", how="left", nulls_equal=True, maintain_order="left")
     return joined["device"].alias("device")
+
+
+_PROGRAMS: Final = tuple(
+    (re.compile(pattern, re.IGNORECASE), name)
+    for pattern, name in (
+        (r"glooko", "Glooko"),
+        (r"diasend", "Diasend"),
+        (r"carelink", "CareLink"),
+        (r"clarity", "Dexcom Clarity"),
+        (r"libreview", "LibreView"),
+        (r"t:connect|tandem source", "t:connect"),
+        (r"tidepool", "Tidepool"),
+        (r"nightscout", "Nightscout"),
+        (r"mysugr", "mySugr"),
+        (r"sidiary", "SiDiary"),
+        (r"juggluco", "Juggluco"),
+        (r"sibionics|sisensing", "Sibionics"),
+        (r"linx|aidex", "LinX"),
+        (r"caresens", "CareSens Air"),
+        (r"camaps|mylife", "mylife"),
+    )
+)
+
+
+def program_of(text: str) -> str | None:
+    """Program or device that a text names; None for one that is not known."""
+    named = next((name for pattern, name in _PROGRAMS if pattern.search(text)), None)
+    return named or kind_of(text, "") or None

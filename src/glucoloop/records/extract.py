@@ -61,6 +61,16 @@ def extract_frame(
     )
 
 
+def parts_of(frame: pl.DataFrame, *names: str) -> list[pl.DataFrame]:
+    """Rows of each combination of values of columns; the frame itself where there is one, as in most files."""
+    if (
+        frame.height
+        and frame.select(pl.all_horizontal(pl.col(name).eq_missing(pl.first(name)) for name in names).all()).item()
+    ):
+        return [frame]
+    return frame.partition_by(names)
+
+
 def cells(values: Iterable[Any]) -> pl.Series:
     """Values of JSON or XML as texts, so that what is no number is told; null for what is not there."""
     texts = (None if value is None else str(value) if isinstance(value, int | float | str) else "?" for value in values)

@@ -44,6 +44,8 @@ _SEPARATOR_LINE: Final = re.compile(r'"?sep=.?"?[ \t]*\n')
 """First line by which a spreadsheet is told what divides the fields."""
 _EXTRA: Final = ("more 1", "more 2")
 """Columns for fields beyond those of the header."""
+_FIELD_END: Final = "\0"
+"""Sign that no text has, between fields."""
 _HEAD: Final = 20_000
 """Number of letters in which the beginning of a file is looked at."""
 
@@ -87,11 +89,18 @@ class FileText:
 
         With `whole` the fields have to be these names.
         """
-        wanted = [name.casefold() for name in names]
-        for place, fields in self.fields:
-            if all(any(text == name or (not whole and text.startswith(name)) for text in fields) for name in wanted):
-                return place
+        end = _FIELD_END if whole else ""
+        marked = [f"{_FIELD_END}{name.casefold()}{end}" for name in names]
+        every, lines = self._joined_fields
+        if all(name in every for name in marked):
+            return next((place for place, joined in lines if all(name in joined for name in marked)), None)
         return None
+
+    @functools.cached_property
+    def _joined_fields(self) -> tuple[str, list[tuple[tuple[int, str], str]]]:
+        """Fields of the first lines in one text, in which a header is looked for at once, and those of each line."""
+        lines = [(place, f"{_FIELD_END}{_FIELD_END.join(fields)}{_FIELD_END}") for place, fields in self.fields]
+        return "".join(joined for _, joined in lines), lines
 
     @functools.cached_property
     def fields(self) -> list[tuple[tuple[int, str], list[str]]]:

@@ -13,6 +13,7 @@ from glucoloop.component.setting import choices_text
 from glucoloop.records.account import Account
 from glucoloop.records.answers import Answers
 from glucoloop.records.any_table import AnyTable
+from glucoloop.records.devices import program_of
 from glucoloop.records.extract import Extract
 from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.nightscout_profile import zones_of
@@ -301,8 +302,10 @@ def reader_of(content: FileText, answers: Answers) -> ReaderComponent:
     if result:
         names = [reader.name for reader in result]
         raise Refusal(f"it could be read by {' and by '.join(names)}", f"say which with reader={names[0]} (--reader)")
+    program = program_of("\n".join(content.head))
+    form = f"; it names {program}, and has a form or a language that is not known here" if program else ""
     raise Refusal(
-        f"no reader knows it: {_seen(content)}. The readers are {choices_text(READERS.names())}",
+        f"no reader knows it: {_seen(content)}{form}. The readers are {choices_text(READERS.names())}",
         "for any other table name its columns, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)",
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.records.extract import parts_of
 from glucoloop.records.times import clock
 from glucoloop.units import MIN_PER_H, S_PER_MIN
 
@@ -33,7 +34,7 @@ def with_second_pass(frame: pl.DataFrame, zone: str | None) -> tuple[pl.DataFram
     read = pl.col("glucose_mg_dl").is_not_null() & pl.col("time").is_not_null() & pl.col("utc_offset_min").is_null()
     marked: list[list[int]] = []
     interleaved = 0
-    for rows in frame.with_row_index("_at").filter(read).partition_by("file", "source", "kind"):
+    for rows in parts_of(frame.with_row_index("_at").filter(read), "file", "source", "kind"):
         steps = rows["time"].diff().dt.total_minutes()
         if (steps < 0).sum() > (steps > 0).sum():
             rows = rows.reverse()

@@ -15,6 +15,7 @@ import polars as pl
 
 from glucoloop.records.account import Account
 from glucoloop.records.doubles import source_of
+from glucoloop.records.extract import parts_of
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many, printable, the_first
 from glucoloop.units import MIN_PER_H, S_PER_MIN
@@ -36,6 +37,8 @@ _BESIDE: Final = 0.9
 """Part of a step from another stream's reading within which one at the edge of a gap is beside it."""
 _MAX_WAYS: Final = 3
 """Largest number of streams that are told apart under one name."""
+_ALMOST_ALL: Final = 0.98
+"""Share of lags with which a step is as good as one of a larger share."""
 _REGULAR: Final = 0.8
 """Share of steps that are alike in a regular stream."""
 
@@ -75,7 +78,7 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
         if device is not None:
             raise Refusal(f"device is {device!r}, and there are no readings", "leave it out (--device)")
         return frame
-    groups = [group.sort("t") for group in read.partition_by("source")]
+    groups = [group.sort("t") for group in parts_of(read, "source")]
     for group in groups:
         if not group["named"].all():
             _note_two_trajectories(group, account)
@@ -137,14 +140,19 @@ def _step_of_several(t: Floats) -> float | None:
     """Step of streams that stand interleaved in one; None where it is one stream, or not made of regular ones."""
     if t.size < 3 * _FEWEST:
         return None
-    lags = [np.rint(t[ways:] - t[:-ways]) for ways in range(1, _MAX_WAYS + 1)]
+    steps = np.rint(np.diff(t))
+    usual = float(np.median(steps))
+    alike, short = steps == usual, steps < _REGULAR * usual
+    if usual > 1.0 and np.count_nonzero(alike) > _ALMOST_ALL * t.size and np.count_nonzero(short) < _FEWEST:
+        return None  # no other step is that of more of them, so this one would be the best of the search below
+    lags = [steps, *(np.rint(t[ways:] - t[:-ways]) for ways in range(2, _MAX_WAYS + 1))]
     best, covered = 0.0, -1
     for step in np.unique(np.concatenate([lag[lag <= _LONGEST_STEP_MIN] for lag in lags])):
         if step > 1.0:
             there = np.zeros(t.size, dtype=bool)
             for lag in lags:
                 there[: lag.size] |= np.abs(lag - step) <= 0.1 * step
-            if np.count_nonzero(there) > covered + 0.02 * t.size:
+            if np.count_nonzero(there) > covered + (1.0 - _ALMOST_ALL) * t.size:
                 best, covered = float(step), int(np.count_nonzero(there))
     extra = np.count_nonzero(lags[0] < _REGULAR * best)
     return best if covered >= _REGULAR * t.size and extra >= _FEWEST else None

@@ -1,4 +1,4 @@
-"""Files that a user names: one itself, those of a folder, of a ZIP as it was exported, and tables of a workbook."""
+"""Files that a user names: one itself, those of a folder, of a ZIP, and tables of a workbook or a database."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import zipfile
 from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
+from glucoloop.records.database import is_database, tables_of
 from glucoloop.records.file_text import LARGEST_BYTES, read_bytes
 from glucoloop.records.workbook import is_workbook, sheets_of
 from glucoloop.refusal import Refusal
@@ -44,10 +45,10 @@ def files_of(path: Path) -> list[UserFile]:
 
 
 def _opened(path: Path, data: bytes, *, of_many: bool) -> list[UserFile]:
-    """A file, or the tables of a workbook."""
-    if not is_workbook(data):
+    """A file, or the tables of a workbook or a database."""
+    if not is_workbook(data) and not is_database(data):
         return [UserFile(path, data, of_many)]
-    sheets = sheets_of(data)
+    sheets = tables_of(data) if is_database(data) else sheets_of(data)
     if not sheets:
         raise Refusal("it is a workbook without a table; give the one that was exported")
     return [UserFile(path, sheet, of_many or len(sheets) > 1) for sheet in sheets]

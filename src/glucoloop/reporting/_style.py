@@ -42,6 +42,12 @@ _DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5,
 # Horizontal lines.
 SETPOINT: Final[dict[str, Any]] = {"color": GREY, "linewidth": 0.7}
 BOUND: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
+TARGET_RANGE: Final[dict[str, Any]] = {
+    "facecolor": RANGE_COLOURS["70 to 180"],
+    "alpha": 0.22,
+    "linewidth": 0,
+    "zorder": 0,
+}
 BASAL: Final[dict[str, Any]] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (1, 1.5)), "zorder": 1}
 PUMP_LIMIT: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.6, "linestyle": (0, (6, 2, 1, 2)), "zorder": 1}
 
@@ -224,6 +230,22 @@ def time_axis(horizon_min: float, width: Width) -> tuple[float, str, float]:
     fitting = [step for step in steps if step >= least]
     # beyond a few weeks, whole weeks
     return divisor, unit, fitting[0] if fitting else steps[-1] * float(np.ceil(least / steps[-1]))
+
+
+def show_clock(axes: Axes, start_min: float, horizon_min: float, width: Width) -> None:
+    """Clock times on an axis of time, at whole multiples of its ticks; beyond a day with the number of the day."""
+    from matplotlib.ticker import FixedFormatter, FixedLocator
+
+    divisor, _, tick = time_axis(horizon_min, width)
+    step_min = divisor * tick
+    t_min = np.arange(-start_min % step_min, horizon_min + 1e-6, step_min)
+    days, minutes = np.divmod(start_min + t_min, MIN_PER_DAY)
+    clock = [f"{int(minute // 60):02d}:{int(minute % 60):02d}" for minute in minutes]
+    if horizon_min > MIN_PER_DAY:
+        clock = [f"{text}\nday {int(day) + 1}" for day, text in zip(days, clock, strict=True)]
+    axes.xaxis.set_major_locator(FixedLocator((t_min / divisor).tolist()))
+    axes.xaxis.set_major_formatter(FixedFormatter(clock))
+    axes.set_xlabel("Time of day")
 
 
 def every(tick: float) -> Locator:

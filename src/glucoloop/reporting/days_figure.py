@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.display_units import other_value
+from glucoloop.metrics import TARGET_RANGE_MG_DL
 from glucoloop.reporting._style import (
     GREY,
     SETPOINT,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-_TARGET_MG_DL: Final = (70.0, 180.0)
 _LOWEST_MG_DL: Final = 40.0
 _MIN_TOP_MG_DL: Final = 250.0
 _LARGEST_MG_DL: Final = 400.0
@@ -74,7 +74,7 @@ def days_plot(days: DayTraces, band: str) -> Plot:
     """Picture of a page with the same days; `band` says what the bands hold."""
     start = days.t_min[0]
     t_min = days.t_min - start
-    panel = Panel(GLUCOSE, days.range_mg_dl, height=330, band=_TARGET_MG_DL, marks=days.marks)
+    panel = Panel(GLUCOSE, days.range_mg_dl, height=330, band=TARGET_RANGE_MG_DL, marks=days.marks)
     for place, (name, trajectory) in enumerate(days.trajectory_mg_dl.items()):
         if name in days.band_mg_dl:
             panel.area(t_min, *days.band_mg_dl[name], place, f"{band}, {name}")
@@ -91,7 +91,7 @@ def plot_days(days: DayTraces) -> Figure:
     divisor, unit, tick = time_axis(float(t_min[-1]), "double")
     figure = new_figure("double", _HEIGHT_MM, None)
     axes = figure.subplots()
-    for bound in _TARGET_MG_DL:
+    for bound in TARGET_RANGE_MG_DL:
         axes.axhline(bound, **SETPOINT)
     axes.plot(t_min / divisor, days.reading_mg_dl, ".", color=GREY, markersize=2.0, label="readings")
     for place, (name, trajectory) in enumerate(days.trajectory_mg_dl.items()):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, TARGET_RANGE_MG_DL
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
@@ -25,6 +25,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
+class _Rates(NamedTuple):
+    """Unit of the rates of insulin, and its number for each mU/min."""
+
+    factor: float
+    unit: str
+
+
 _PERCENTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
 _MAX_NAMED: Final = 12
 """Boluses whose size is written; more would hide one another."""
@@ -36,7 +44,8 @@ def plot(
     title: str | None = None,
     width: Width = "double",
     mmol: bool = False,
-    units_per_hour: bool = False,
+    subcutaneous: bool = False,
+    start_min: float | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL,
 ) -> Figure:
@@ -44,7 +53,8 @@ def plot(
 
     Above, glucose free of noise, readings as dots where they differ from it, the setpoint, the bound on glucose, each
     meal with its carbohydrate, and exercise with its intensity. Below, the delivered rate as steps, boluses as stems on
-    an axis in U, the basal rate, and the pump's limits where they come into view.
+    an axis in U, the basal rate, and the pump's limits where they come into view. By default they are drawn as in
+    Parker et al. (1999).
 
     Parameters
     ----------
@@ -56,9 +66,11 @@ def plot(
         Width of a printed column: 88 or 180 mm.
     mmol : bool
         Whether a second axis shows glucose in mmol/l.
-    units_per_hour : bool
-        Whether a second axis shows insulin in U/h, as pumps do that give it under the skin. Where boluses were given,
-        the second axis is theirs, and the legend tells the basal rate in U/h.
+    subcutaneous : bool
+        Whether insulin is subcutaneous: rates are then in U/h, as pumps show them, and the range from 70 to 180 mg/dl
+        of the consensus is a band, in place of the bound on glucose.
+    start_min : float, optional
+        Time of day at the start, in minutes after midnight; the axis is then that of the clock.
     limits : DoseLimits
         Limits of the pump.
     lowest_glucose_mg_dl : float
@@ -88,27 +100,30 @@ def plot(
     all_runs: list[PeopleRun | PlottedRun] = [*of_people.values(), *runs]
     horizon_min = max(float(run.t_min[-1]) for run in all_runs)
     figure, above, below, divisor = _style.loop_panels(horizon_min, title, width, ratio=1.6)
+    if start_min is not None:
+        _style.show_clock(below, start_min, horizon_min, width)
+    rates = _Rates(u_h_from_mu_min(1.0), "U/h") if subcutaneous else _Rates(1.0, "mU/min")
+    below.set_ylabel(f"Insulin ({rates.unit})")
     entries: dict[str, Artist] = {}
     if of_people:
-        _draw_people(above, below, of_people, divisor, entries)
+        _draw_people(above, below, of_people, divisor, rates, entries)
         scenario = next(iter(of_people.values())).scenario
         meals = [(meal.t_min, meal.carbs_g) for meal in scenario.meals]
         exercise: Sequence[Bout | Exercise] = scenario.exercise
     else:
         _draw_glucose(above, runs, divisor, entries)
         meals, exercise = runs[0].meals, runs[0].exercise
-    _draw_levels(above, [float(run.setpoint_mg_dl) for run in all_runs], lowest_glucose_mg_dl, entries)
+    levels = TARGET_RANGE_MG_DL if subcutaneous else (lowest_glucose_mg_dl,)
+    _draw_levels(above, [float(run.setpoint_mg_dl) for run in all_runs], levels, entries)
     if runs:
-        _draw_glucose_limits(above, runs, lowest_glucose_mg_dl, entries)
-        _draw_insulin(below, runs, divisor, limits, entries)
+        _draw_glucose_limits(above, runs, levels, entries)
+        _draw_insulin(below, runs, divisor, limits, rates, entries)
     _style.mark_meals(above, meals, horizon_min, width)
     _style.mark_exercise(above, exercise, horizon_min, width)
     if mmol:
         _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
     if any(run.boluses for run in runs):
         _draw_boluses(below, runs, divisor, entries)
-    elif units_per_hour:
-        _style.add_axis(below, u_h_from_mu_min(1.0), "Insulin (U/h)")
     _style.add_legend(figure, entries, width)
     return figure
 
@@ -123,11 +138,16 @@ def _bands(values: Floats) -> Floats:
 
 
 def _draw_people(
-    above: Axes, below: Axes, runs: Mapping[str, PeopleRun], divisor: float, entries: dict[str, Artist]
+    above: Axes,
+    below: Axes,
+    runs: Mapping[str, PeopleRun],
+    divisor: float,
+    rates: _Rates,
+    entries: dict[str, Artist],
 ) -> None:
     """Medians in bands of half of the people and of nine in ten."""
     for index, (label, run) in enumerate(runs.items()):
-        insulin = np.concatenate([run.insulin_mU_min, run.insulin_mU_min[-1:]])
+        insulin = rates.factor * np.concatenate([run.insulin_mU_min, run.insulin_mU_min[-1:]])
         for axes, values, stepwise in ((above, run.glucose_mg_dl, False), (below, insulin, True)):
             low, quarter, median, three_quarters, high = _bands(np.asarray(values, float))
             drawn = _style.draw_bands(
@@ -142,12 +162,16 @@ def _draw_people(
             entries |= dict(zip(names, drawn, strict=True))
 
 
-def _draw_levels(axes: Axes, setpoints: Sequence[float], lowest_mg_dl: float, entries: dict[str, Artist]) -> None:
-    """Setpoints and the bound on glucose."""
+def _draw_levels(axes: Axes, setpoints: Sequence[float], levels: Sequence[float], entries: dict[str, Artist]) -> None:
+    """Setpoints, and the bound on glucose or the target range."""
     for setpoint in dict.fromkeys(setpoints):
         line = axes.axhline(setpoint, **_style.SETPOINT, zorder=1)
     entries[f"setpoint {values_in_words(setpoints, 'mg/dl')}"] = line
-    entries[f"lowest allowed {lowest_mg_dl:g} mg/dl"] = axes.axhline(lowest_mg_dl, **_style.BOUND, zorder=1)
+    if len(levels) > 1:
+        low, high = levels
+        entries[f"{low:g} to {high:g} mg/dl"] = axes.axhspan(low, high, **_style.TARGET_RANGE)
+    else:
+        entries[f"lowest allowed {levels[0]:g} mg/dl"] = axes.axhline(levels[0], **_style.BOUND, zorder=1)
 
 
 def _draw_glucose(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
@@ -164,36 +188,44 @@ def _draw_glucose(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entrie
 
 
 def _draw_glucose_limits(
-    axes: Axes, runs: Sequence[PlottedRun], lowest_mg_dl: float, entries: dict[str, Artist]
+    axes: Axes, runs: Sequence[PlottedRun], bounds: Sequence[float], entries: dict[str, Artist]
 ) -> None:
     """Words at the bound on glucose, and where a model is not valid; the axis has room for both."""
-    at_the_left: Any = {"xycoords": axes.get_yaxis_transform(), "ha": "left", "va": "top"}
-    _style.write(axes, f"{lowest_mg_dl:g} mg/dl", (0.01, lowest_mg_dl), down=2, **at_the_left)
+    if len(bounds) == 1:
+        at_the_left: Any = {"xycoords": axes.get_yaxis_transform(), "ha": "left", "va": "top"}
+        _style.write(axes, f"{bounds[0]:g} mg/dl", (0.01, bounds[0]), down=2, **at_the_left)
     for limit in limits_passed(runs):
         area = axes.axhspan(-1e6, limit, facecolor=GREY, alpha=0.18, linewidth=0, zorder=0)
         entries[f"model not valid, below {limit:.1f} mg/dl"] = area
-    levels = [lowest_mg_dl, *(run.setpoint_mg_dl for run in runs)]
+    levels = [*bounds, *(run.setpoint_mg_dl for run in runs)]
     low, high = extent(levels, *(part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)))
     axes.set_ylim(low - 0.12 * (high - low), high + 0.05 * (high - low))
 
 
 def _draw_insulin(
-    axes: Axes, runs: Sequence[PlottedRun], divisor: float, limits: DoseLimits, entries: dict[str, Artist]
+    axes: Axes,
+    runs: Sequence[PlottedRun],
+    divisor: float,
+    limits: DoseLimits,
+    rates: _Rates,
+    entries: dict[str, Artist],
 ) -> None:
-    basal = [run.basal_insulin_mU_min for run in runs]
+    basal = [rates.factor * run.basal_insulin_mU_min for run in runs]
     for rate in dict.fromkeys(basal):
         line = axes.axhline(rate, **_style.BASAL)
-    entries[f"basal {values_in_words(basal, 'mU/min')}"] = line
-    for index, run in enumerate(runs):
-        axes.step(run.t_min / divisor, run.insulin_mU_min, where="post", **_style.line_style(index), zorder=3)
-    low, high = extent([0.0, *basal], *(run.insulin_mU_min for run in runs))
+    entries[f"basal {values_in_words(basal, rates.unit)}"] = line
+    delivered = [rates.factor * run.insulin_mU_min for run in runs]
+    for index, (run, rates_of_run) in enumerate(zip(runs, delivered, strict=True)):
+        axes.step(run.t_min / divisor, rates_of_run, where="post", **_style.line_style(index), zorder=3)
+    low, high = extent([0.0, *basal], *delivered)
     low, high = low - 0.05 * (high - low), high + 0.08 * (high - low)
-    in_view = [bound for bound in (float(limits.min_mU_min), float(limits.max_mU_min)) if low <= bound <= high]
+    bounds = (rates.factor * float(bound) for bound in (limits.min_mU_min, limits.max_mU_min))
+    in_view = [bound for bound in bounds if low <= bound <= high]
     for bound in in_view:
         at_limit = axes.axhline(bound, **_style.PUMP_LIMIT)
     if in_view:
         noun = "pump limit" if len(in_view) == 1 else "pump limits"
-        entries[f"{noun} {values_in_words(in_view, 'mU/min')}"] = at_limit
+        entries[f"{noun} {values_in_words(in_view, rates.unit)}"] = at_limit
     axes.set_ylim(low, high)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from glucoloop.display_units import other_number
 from glucoloop.faults import FAULTS, FaultComponent
-from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
+from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, TARGET_RANGE_MG_DL, Metrics, clinical_summary
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.charts import BOLUS, GLUCOSE, INSULIN, Panel, Plot, extent, thinned
@@ -31,8 +31,6 @@ from glucoloop.simulation import Trace
 from glucoloop.text import glucose_text
 from glucoloop.units import MIN_PER_DAY
 
-_TARGET_MG_DL: Final = (70.0, 180.0)
-"""Range of glucose that plots mark."""
 _LOW_MG_DL: Final = (54.0, 70.0)
 _HIGH_MG_DL: Final = (250.0, 180.0)
 _MAX_POINTS: Final = 40_000
@@ -136,7 +134,7 @@ def glucose_panel(setpoints: Sequence[float], lowest_mg_dl: float, curves: Seque
     """Panel with room for the curves shown, on which the range of the target, setpoints and the bound are drawn."""
     low, high = extent([*setpoints, lowest_mg_dl], *curves)
     margin = 0.05 * (high - low)
-    panel = Panel(GLUCOSE, (low - margin, high + margin), band=_TARGET_MG_DL, **about)
+    panel = Panel(GLUCOSE, (low - margin, high + margin), band=TARGET_RANGE_MG_DL, **about)
     panel.rule(setpoints, 0, f"setpoint {values_in_words(setpoints, 'mg/dl')}")
     panel.rule([lowest_mg_dl], 1, f"lowest allowed {lowest_mg_dl:g} mg/dl")
     return panel

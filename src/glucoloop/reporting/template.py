@@ -43,13 +43,13 @@ class Repeat:
     """Configuration of the command."""
     files: Mapping[str, str] = field(default_factory=dict)
     """Files beside the page, each with what it holds."""
-    given: Mapping[str, Any] | None = None
+    explicit: Mapping[str, Any] | None = None
     """Keys from which the configuration follows, if it was read from fewer."""
 
     @property
     def text(self) -> str:
         """Text of the configuration file."""
-        return toml_text(self.keys, self.command, self.given)
+        return toml_text(self.keys, self.command, self.explicit)
 
 
 def render(

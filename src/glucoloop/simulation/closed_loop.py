@@ -343,7 +343,7 @@ def simulate(
     sensor : Sensor, optional
         Sensor; an ideal one by default.
     pump : Pump, optional
-        Pump; by default one with the limits that are usual for the patient, see `simulation.usual_limits`.
+        Pump; by default one with the default limits of the patient, see `simulation.usual_limits`.
     scenario : Scenario, optional
         The 50 g oral glucose test at 50 min over 600 min by default.
     key : JAX key or int

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from glucoloop.component.base import Component
 from glucoloop.component.effects import DEAD_TIME, Need
-from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, place
+from glucoloop.component.grammar import NAME, Leaf, Tree, as_table, place
 from glucoloop.component.request import Request, by_default, completed, made_of, read, request_of, requested
 from glucoloop.component.setting import About, Value
 from glucoloop.control.catalogue import CONTROLLERS, DEFAULT_CONTROLLER
@@ -158,7 +158,7 @@ class _Cases:
         if isinstance(controller, Mapping):
             of_case = {key: value for key, value in controller.items() if key in _beside()}
             controller = {key: value for key, value in controller.items() if key not in _beside()} or {
-                NAME: GivenValue(DEFAULT_CONTROLLER, place(of_case))
+                NAME: Leaf(DEFAULT_CONTROLLER, place(of_case))
             }
         designed = CONTROLLERS.read(controller, allow_unusual=allow_unusual)
         for name in _beside().values():

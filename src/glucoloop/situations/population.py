@@ -150,10 +150,10 @@ def read_table(rows: Sequence[Mapping[str, Any]], patient: str, draw: str = ONCE
     )
 
 
-def _meals(given: Any, name: str) -> tuple[Meal, ...]:
-    texts = given.split() if isinstance(given, str) else () if given is None else given
+def _meals(day: Any, name: str) -> tuple[Meal, ...]:
+    texts = day.split() if isinstance(day, str) else () if day is None else day
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
-        raise Refusal(f"meals of {name!r} are {given!r}; give a list, like ['60g@7h', '80g@12h']")
+        raise Refusal(f"meals of {name!r} are {day!r}; give a list, like ['60g@7h', '80g@12h']")
     try:
         return tuple(map(parse_meal, texts))
     except Refusal as error:
@@ -288,7 +288,7 @@ def described_population(name: str, patient: str) -> tuple[dict[str, Any], list[
 def person_of(text: str, patient: str, seed: int) -> Population:
     """One person of a patient, whoever is drawn.
 
-    The text is the name of a person of the patient's usual population, or its number where people have no names, like
+    The text is the name of a person of the patient's default population, or its number where people have no names, like
     ``person=17``; of another population that stands before a colon: ``people.csv:anna``.
     """
     where, _, name = text.rpartition(":")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
-from glucoloop.component.grammar import GivenValue, Tree, as_table, place, plain
+from glucoloop.component.grammar import Leaf, Tree, as_table, place, plain
 from glucoloop.refusal import Refusal
 from glucoloop.units import ending_of
 
@@ -31,7 +31,7 @@ def ranges_parted(tree: Mapping[str, Any], tuned: Collection[str], *, always: bo
     names = {name.removesuffix(ending_of(name)): name for name in tuned if name not in tables[0]}
     table = {str(names.get(key, key)): value for key, value in tables[0].items()}
     first = {key: value for key, value in table.items() if key not in tuned or not (always or _is_range(value))}
-    ranges = {key: GivenValue(_text(key, value), place(value)) for key, value in table.items() if key not in first}
+    ranges = {key: Leaf(_text(key, value), place(value)) for key, value in table.items() if key not in first}
     result["controller"] = [first, *tables[1:]] if first else tables[1:]
     if not result["controller"]:
         del result["controller"]

@@ -1,6 +1,6 @@
 """Scenarios: meals and exercise of the days, habits, announcement and length of a run together, by a name or in a file.
 
-What a scenario has takes the place of what is usual; what is given beside it counts. A scenario joins every command
+What a scenario has takes the place of defaults; what is given beside it counts. A scenario joins every command
 that has meals by one class, entered in `SCENARIOS` or by the entry point of another package in the group
 ``glucoloop.scenarios``. A file has the same keys as a configuration.
 """
@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Final
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import EXERCISE, MEALS
-from glucoloop.component.grammar import NAME, GivenValue, Tree, given
+from glucoloop.component.grammar import NAME, Leaf, Tree, as_tree
 from glucoloop.limits import LONGEST_RUN_MIN, MAX_DAYS
 from glucoloop.meals.habits import HabitComponent
 from glucoloop.situations.option import PATIENT_PANEL, Option
@@ -122,8 +122,8 @@ class _Scenarios(Catalogue[ScenarioComponent]):
         """Tree of a scenario from its text, or from the file that it names."""
         if Path(text.strip()).suffix != ".toml":
             return super().tree(text, source)
-        keys = given(read_file(text.strip()).keys, text.strip())
-        return {NAME: GivenValue(_CUSTOM, source), **keys}
+        keys = as_tree(read_file(text.strip()).keys, text.strip())
+        return {NAME: Leaf(_CUSTOM, source), **keys}
 
 
 SCENARIOS: Final = _Scenarios(

@@ -25,12 +25,13 @@ from glucoloop.component.effects import (
     TIME_OF_DAY,
     Need,
 )
-from glucoloop.component.grammar import given as given_values
+from glucoloop.component.grammar import as_tree
 from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.component.request import by_default, completed, request_of
 from glucoloop.faults import START, FaultComponent
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
-from glucoloop.meals.settings import MealModelComponent, RescueComponent
+from glucoloop.meals.rescue import RescueComponent
+from glucoloop.meals.settings import MealModelComponent
 from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Metric
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
@@ -123,7 +124,7 @@ WarmUp = Annotated[
 class Situation(Component):
     """Everything about a loop but its meals and its controllers.
 
-    Parameters are components, see `glucoloop list`, and numbers; what is not given is usual for the patient.
+    Parameters are components, see `glucoloop list`, and numbers; the others are defaults of the patient.
 
     Raises
     ------
@@ -491,7 +492,7 @@ def _nominal(name: str, operating_point: str) -> Patient:
 
 def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: str = "", **more: Any) -> Any:
     """A situation, or what extends one, from plain values as a file has them: ``configured(Run, sensor=["lag"])``."""
-    return completed(read_root(root, given_values({**(keys or {}), **more}, where), allow_unusual=True))
+    return completed(read_root(root, as_tree({**(keys or {}), **more}, where), allow_unusual=True))
 
 
 def default_situation(patient: str = DEFAULT_PATIENT.name, operating_point: str | None = None) -> Situation:

@@ -111,14 +111,14 @@ def _holds_too_large(value: object) -> bool:
     return isinstance(value, int) and not -LARGEST_INTEGER <= value <= LARGEST_INTEGER
 
 
-def toml_text(keys: Mapping[str, Any], command: str, given: Mapping[str, Any] | None = None) -> str:
+def toml_text(keys: Mapping[str, Any], command: str, explicit: Mapping[str, Any] | None = None) -> str:
     """Text of a configuration file with which a command, without the program's name, repeats itself.
 
-    `keys` holds the values that were used, and `given` the keys from which they follow: where it is there, the file is
-    read from them, and has `keys` in a table of its own. Keys without a value are left out.
+    `keys` holds the values that were used, and `explicit` the keys from which they follow: where it is there, the file
+    is read from them, and has `keys` in a table of its own. Keys without a value are left out.
     """
-    table = {VERSION_KEY: glucoloop.__version__, **_with_values(keys if given is None else given)}
-    used = {} if given is None else {USED_KEY: _with_values(keys)}
+    table = {VERSION_KEY: glucoloop.__version__, **_with_values(keys if explicit is None else explicit)}
+    used = {} if explicit is None else {USED_KEY: _with_values(keys)}
     return f"# Repeat with: glucoloop {with_code(command, keys)}\n{tomli_w.dumps({**table, **used})}"
 
 

@@ -6,6 +6,7 @@ Whatever is printed or drawn later follows from the plain values, so that nothin
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -25,19 +26,21 @@ _MEND: Final = "move it away and run the same command again"
 class Results:
     """Results of a study."""
 
-    plain: Mapping[str, Any]
-    """Everything as plain values: JSON prints it, and a finished folder gives it back. A number that is not finite is
-    None, and a tuple is a list, from the beginning.
-    """
+    values: Mapping[str, Any]
+    """Everything as the study computes it, of which `plain` is made."""
     tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
     """Tables by the name of their file, which ends in ``.csv`` or ``.parquet``; they are not read back."""
 
     extra: Any = None
     """Further results from which figures and pages are drawn; they are not kept."""
 
-    def __post_init__(self) -> None:
-        # as it will be read back
-        object.__setattr__(self, "plain", json.loads(json_text(self.plain)))
+    @functools.cached_property
+    def plain(self) -> dict[str, Any]:
+        """Everything as plain values: JSON prints it, and a finished folder gives it back.
+
+        A number that is not finite is None, and a tuple is a list, as they will be read back.
+        """
+        return dict(json.loads(json_text(self.values)))
 
     @property
     def rows(self) -> list[dict[str, Any]]:

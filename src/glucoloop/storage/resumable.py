@@ -36,7 +36,7 @@ class Work:
     """Name of the work in messages: ``"trial"``."""
     keys: Mapping[str, Any]
     """Configuration as flat keys, with the values that are used."""
-    given: Mapping[str, Any] | None = None
+    explicit: Mapping[str, Any] | None = None
     """Flat keys from which they follow, if it was read from fewer."""
     final: tuple[str, ...]
     """Names of the files that are written when everything is done."""
@@ -216,7 +216,7 @@ class ResumableFolder(ABC):
     def _describe(self) -> None:
         """Write the origin and the configuration, as far as they are not there."""
         work = self.work
-        configuration = toml_text(work.keys, f"{work.command} --config {work.configuration}", work.given)
+        configuration = toml_text(work.keys, f"{work.command} --config {work.configuration}", work.explicit)
         for name, text in zip(self._files, (self.recorded.text(), configuration), strict=False):
             if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == text.encode()):
                 disk.put_file(self.path / name, text.encode())

@@ -3,7 +3,7 @@
 To add a study
 --------------
 1. ``studies/NAME/__init__.py`` declares it: what it asks for, a class of settings that usually extends a
-   `situations.run.Run` or a `trials.trial.Trial`, with other defaults where its own are usual, and one of the three
+   `situations.run.Run` or a `trials.trial.Trial`, with other defaults where it has its own, and one of the three
    kinds below. It imports nothing heavy, since help is shown from it. Add a line to ``studies/catalogue.py``: the
    command is there.
 2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. What they are given (``config``) is

@@ -149,7 +149,7 @@ def loop_of(
     Meals and arithmetic are those of the trial, and each person brings an own profile, unless `others` say otherwise;
     `example` is the first person by default. See `PeopleLoop`.
     """
-    usual = {
+    defaults = {
         "meals": None if trial.plan.varies else trial.plan.same_for_all(),
         "own_announcements": trial.individual_announcements,
         "controllers_of": with_profile_of_each(controller),
@@ -158,7 +158,7 @@ def loop_of(
         "minute_inputs": _minute_inputs_of(trial, np.array([trial.first_person])).names,
     }
     example = people_of(trial, [trial.first_person]) if example is None else example
-    return PeopleLoop(trial, controller, example, trial.grid, accumulator, **{**usual, **others})
+    return PeopleLoop(trial, controller, example, trial.grid, accumulator, **{**defaults, **others})
 
 
 def run_people(

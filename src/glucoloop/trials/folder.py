@@ -188,7 +188,7 @@ def trial_folder(
     The shards are computed for a work, that of ``glucoloop trial`` by default.
     """
     if work is None:
-        work = Work(command="trial", what="trial", keys=trial.tree(whole=True), given=trial.tree(), final=FINAL)
+        work = Work(command="trial", what="trial", keys=trial.tree(whole=True), explicit=trial.tree(), final=FINAL)
     return opened(TrialFolder(path, trial, work), overwrite=overwrite)
 
 

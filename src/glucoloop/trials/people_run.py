@@ -117,8 +117,8 @@ def simulate_people(
                 f"the scenario's {name} is {value:g}, but the people rest at {setpoint:g} mg/dl; "
                 f"draw them with setpoint_mg_dl={value:g}"
             )
-    usual = usual_limits(people.patient)
-    limits = usual if limits is None else limits
+    default_limits = usual_limits(people.patient)
+    limits = default_limits if limits is None else limits
     accumulator = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
     meals, announced_carbs_g, announced_at_min = (
         eaten(scenario.meals),
@@ -148,7 +148,8 @@ def simulate_people(
         own_announcements=announced_otherwise,
         controllers_of=with_profile_of_each(controller),
         surroundings=Surroundings(
-            sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump(limits=usual) if pump is None else pump
+            sensor=IdealSensor() if sensor is None else sensor,
+            pump=LimitedPump(limits=default_limits) if pump is None else pump,
         ),
         meal_model=scenario.meal_model,
         start_min=scenario.start_min,

@@ -58,11 +58,11 @@ _MAX_SHARDS: Final = 1024
 """Number of shards from which on those of a run of more than four weeks have more people."""
 
 
-def _traces(given: object) -> Literal["none", "all"] | int:
-    if given == "none" or given == "all":
-        return given
-    digits = isinstance(given, str) and given.isascii() and given.isdecimal() and len(given) < _DIGITS
-    number = int(str(given)) if digits else given
+def _traces(value: object) -> Literal["none", "all"] | int:
+    if value == "none" or value == "all":
+        return value
+    digits = isinstance(value, str) and value.isascii() and value.isdecimal() and len(value) < _DIGITS
+    number = int(str(value)) if digits else value
     if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
         return number
     raise Refusal("give none, all, or the number of people whose traces are kept")
@@ -342,20 +342,22 @@ def _population_for(patient: PatientComponent, population: object, seed: int) ->
     return typing.cast(Population, one_person_of(patient, seed))
 
 
-def population_of(given: object, patient: str) -> Population:
+def population_of(population: object, patient: str) -> Population:
     """Population of a patient: the default one, one by its name or from a file, or a table."""
     from glucoloop.patients.population import Population, population_names
     from glucoloop.situations.population import named_population, read_population
 
-    if isinstance(given, Population):
-        return given
-    if given is None:
+    if isinstance(population, Population):
+        return population
+    if population is None:
         return named_population(patient_entry(patient).default_population, patient)
-    if isinstance(given, Mapping):
-        return read_population(given, patient)
-    if isinstance(given, str):
-        return named_population(given, patient)
-    raise Refusal(f"population is {given!r}; give {', '.join(population_names(patient))}, or a file like people.toml")
+    if isinstance(population, Mapping):
+        return read_population(population, patient)
+    if isinstance(population, str):
+        return named_population(population, patient)
+    raise Refusal(
+        f"population is {population!r}; give {', '.join(population_names(patient))}, or a file like people.toml"
+    )
 
 
 def profile_columns(trial: Trial) -> tuple[str, ...]:

@@ -6,11 +6,21 @@ import functools
 from typing import Annotated, ClassVar, Final, Literal
 
 from glucoloop.component.base import Component
+from glucoloop.component.effects import EVERYTHING, Need
+from glucoloop.component.request import Request
 from glucoloop.limits import LARGEST_SEED
+from glucoloop.situations.case import Case
 from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
 
 POINTS: Final = ("setpoint-81", "nominal-22", "fasting-81")
+PAPER_CONTROLLERS: Final = {
+    "mpc": "linear MPC",
+    "mpc-se": "MPC/SE",
+    "nlqdmc-se": "NLQDMC/SE",
+    "imc": "IMC with filter",
+}
+"""Controllers of the paper's tables, with its names."""
 _SEEDS: Final = 60
 _QUICK_SEEDS: Final = 3
 _MAX_SEEDS: Final = 1000
@@ -36,6 +46,13 @@ class Reproduction(Component):
     figure: Annotated[
         tuple[str, ...], _part("Only this figure, 2 to 6; repeat it for more.", metavar="N", default="all")
     ] = ()
+    controller: Annotated[
+        tuple[Request[Case], ...],
+        _part(
+            "A controller of your own, like my_module:MyController, in the situations of Tables I and II beside the "
+            "paper's; repeat it for more."
+        ),
+    ] = ()
     seeds: Annotated[
         int | None,
         _extent(
@@ -46,6 +63,10 @@ class Reproduction(Component):
         int, _extent("The same seed gives the same numbers.", at_least=0, at_most=LARGEST_SEED - _MAX_SEEDS)
     ] = 1
     quick: Annotated[bool, _extent("A quick look: few seeds, dead times up to 5 min, no tuning searches.")] = False
+
+    def uses(self) -> frozenset[Need]:
+        """Everything, since controllers of one's own meet all situations of the paper."""
+        return EVERYTHING
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -68,7 +89,8 @@ REPRODUCE: Final = PlainStudy(
         "reproduce are listed with the reason where one is known.\n\n"
         "  glucoloop reproduce parker1999 --out parker1999\n\n"
         "  glucoloop reproduce parker1999 --quick --out glimpse\n\n"
-        "  glucoloop reproduce parker1999 --table II --figure 4 --out part"
+        "  glucoloop reproduce parker1999 --table II --figure 4 --out part\n\n"
+        "  glucoloop reproduce parker1999 --table I --controller my_module:MyController --out own"
     ),
     module="glucoloop.reproduction.parker1999.study",
     request=Reproduction,

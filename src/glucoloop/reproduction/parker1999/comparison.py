@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -40,6 +41,11 @@ class _PrintedEntry:
     """Names in `INTERPRETATIONS` on which the reproduced number depends."""
     input_at: tuple[str, ...] = ()
     """Operating points at which the printed number is put in, so that it cannot but agree."""
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the entry is of a controller that the paper does not have, so that nothing is printed."""
+        return self.printed == ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +136,7 @@ class ComparedEntry:
         percentile of the seeds; a bound if it is kept, which NaN never does; a word if it is the same.
         """
         results, printed = self.reproduced.get(operating_point), self.entry.printed
-        if results is None:
+        if results is None or self.entry.is_own:
             return None
         if printed == UNSETTLED:
             return results.unsettled
@@ -175,18 +181,39 @@ def count(rows: Iterable[ComparedEntry], operating_point: str) -> str:
 
 def left_out(rows: Iterable[ComparedEntry]) -> str:
     """Sentence on the entries that no experiment was run for; empty if there are none."""
-    number = sum(not row.reproduced for row in rows)
+    number = sum(not row.reproduced and not row.entry.is_own for row in rows)
     return f"{how_many(number, 'printed entry', 'printed entries')} not run and left out." if number else ""
 
 
-def compare(studies: Mapping[str, PointResults], beginnings: tuple[str, ...] = ("",)) -> list[ComparedEntry]:
-    """Compare the printed entries whose names begin so with the results of the study at each operating point."""
+def compare(
+    studies: Mapping[str, PointResults], beginnings: tuple[str, ...] = ("",), own: Iterable[str] = ()
+) -> list[ComparedEntry]:
+    """Compare the printed entries whose names begin so with the results of the study at each operating point.
+
+    Controllers of one's own, by their labels, have the entries of linear MPC in Tables I and II, without a number.
+    """
     rows = []
-    for entry in ENTRIES:
+    for entry in (*ENTRIES, *(entry for label in own for entry in _entries_of(label))):
         if entry.id.startswith(beginnings):
             results = {point: _reproduced(entry, study) for point, study in studies.items()}
             rows.append(ComparedEntry(entry, {point: one for point, one in results.items() if one is not None}))
     return rows
+
+
+def _entries_of(label: str) -> Iterator[_PrintedEntry]:
+    """Entries of a controller of one's own; one that knows the dead time says so among its settings."""
+    for entry in ENTRIES:
+        table = entry.id.partition(".")[0]
+        if entry.id.startswith(("table-1.mpc.", "table-2.mpc.")) and not entry.situation.endswith("M"):
+            yield dataclasses.replace(
+                entry,
+                id=f"{table}.{label}.{entry.situation}.{entry.metric}",
+                what=entry.what.replace("Linear MPC", label).replace(", unknown", ""),
+                printed="",
+                place="",
+                controller=label,
+                input_at=(),
+            )
 
 
 def _reproduced(entry: _PrintedEntry, study: PointResults) -> Reproduced | None:

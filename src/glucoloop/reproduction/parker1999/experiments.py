@@ -16,6 +16,7 @@ import numpy.typing as npt
 from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import sensor_of, surroundings_of
+from glucoloop.component.request import Request
 from glucoloop.control import Controller
 from glucoloop.identification import Identification, Record, Validation, best_pole, laguerre_functions
 from glucoloop.meals import Scenario
@@ -23,9 +24,10 @@ from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import SemilinearPatient
 from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.reproduction.parker1999 import PAPER_CONTROLLERS
 from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import Trace, fit_step, identify, validate_on
-from glucoloop.situations.case import default_case
+from glucoloop.situations.case import Case, completed_case, default_case
 from glucoloop.situations.situation import Situation, default_situation
 from glucoloop.tuning.search import paper_tuning_surface, stack
 from glucoloop.tuning.surface import TuningSurface
@@ -158,21 +160,32 @@ def _study_model(
     )
 
 
-def _noise_free_runs(situation: Situation, noise_free: Identification) -> dict[str, _SeededRuns]:
+def _noise_free_runs(
+    situation: Situation, noise_free: Identification, own: Mapping[str, Request[Case]]
+) -> dict[str, _SeededRuns]:
     results = {}
-    for name in ("mpc", "mpc-se", "nlqdmc-se", "imc"):
-        controller = controller_of(situation, default_case(name, situation), model=noise_free.model)
+    cases = {name: default_case(name, situation) for name in PAPER_CONTROLLERS}
+    for name, case in {**cases, **{label: completed_case(case, situation) for label, case in own.items()}}.items():
+        controller = controller_of(situation, case, model=noise_free.model)
         trace = close_loop(situation, controller, Scenario())
         results[name] = _SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
     return results
 
 
 def study(
-    operating_point: str, experiments: Set[Experiment], *, seeds: int, seed: int, progress: Progress
+    operating_point: str,
+    experiments: Set[Experiment],
+    *,
+    seeds: int,
+    seed: int,
+    progress: Progress,
+    own: Mapping[str, Request[Case]] | None = None,
 ) -> PointResults:
     """Carry out experiments at an operating point, noisy ones in `seeds` runs, whose seeds are derived from `seed`.
 
-    A run is the same, whatever is carried out beside it; `progress` is called with the name of each step that is done.
+    Controllers of one's `own`, by label, are tried in the situations of Tables I and II that are among the
+    experiments, those with a model on the models of linear MPC. A run is the same, whatever is carried out beside it;
+    `progress` is called with the name of each step that is done.
     """
     noisy = {run for run in experiments if isinstance(run, tuple)}
     situation = default_situation(operating_point=operating_point)
@@ -189,14 +202,16 @@ def study(
     def noise_free() -> Identification:
         return identify(person)
 
-    identified = records(0) if "model" in experiments or any(name == "mpc" for name, _ in noisy) else []
+    own = own or {}
+    modelled = {label for label, case in own.items() if case.value("controller").component.uses_model}
+    identified = records(0) if "model" in experiments or any(name == "mpc" or modelled for name, _ in noisy) else []
     model = None
     if "model" in experiments:
         model = _study_model(person, noise_free(), identified)
         progress(f"{operating_point}: models validated")
     runs: dict[LoopRuns, _SeededRuns] = {}
     if NOISE_FREE in experiments:
-        for name, one in _noise_free_runs(situation, noise_free()).items():
+        for name, one in _noise_free_runs(situation, noise_free(), own).items():
             runs[name, NOISE_FREE] = one
         progress(f"{operating_point}: Table I")
 
@@ -214,6 +229,12 @@ def study(
             if compensated:
                 anew = [controller_of(late, case, model=one.model, model_is_late=True) for one in records(minutes)]
                 identified_anew[time] = _noisy_loops(late, anew, loop_keys)
+        for label, request in own.items():
+            complete = completed_case(request, late)
+            models = [one.model for one in identified] if label in modelled else [None]
+            controllers = [controller_of(late, complete, model=model) for model in models]
+            several = controllers if label in modelled else controllers[0]
+            runs[label, f"{minutes}"] = _noisy_loops(late, several, loop_keys)
         progress(f"{operating_point}: runs with noise, dead time {minutes} min")
     searched: dict[str, TuningSurface] = {}
     for name in ("mpc", "mpc-se", "nlqdmc-se") if "tunings" in experiments else ():

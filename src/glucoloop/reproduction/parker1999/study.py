@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 import glucoloop
+from glucoloop.component.request import Request
 from glucoloop.patients import OPERATING_POINTS
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import plot, plot_identification, plot_validation
@@ -20,7 +21,7 @@ from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_tab
 from glucoloop.reporting.print_figure import figure_files
 from glucoloop.reporting.sse_surface import plot_surface
 from glucoloop.reporting.template import render
-from glucoloop.reproduction.parker1999 import Reproduction
+from glucoloop.reproduction.parker1999 import PAPER_CONTROLLERS, Reproduction
 from glucoloop.reproduction.parker1999.comparison import (
     INTERPRETATIONS,
     UNSETTLED,
@@ -41,14 +42,13 @@ from glucoloop.reproduction.parker1999.experiments import (
     noisy_runs,
     study,
 )
+from glucoloop.situations.case import Case, label_of
 from glucoloop.storage.results import Results
 from glucoloop.tuning.search import printed_tuning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-_NAMES: Final = {"mpc": "linear MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "imc": "IMC with filter"}
 
 _CAPTIONS: Final = {
     "figure-2": (
@@ -114,6 +114,12 @@ def _chosen(tables: Sequence[str], figures: Sequence[str]) -> _PaperPart:
 def results_of(config: Reproduction, progress: Progress) -> Results:
     """Run what is asked for at each operating point, and compare the results with the printed numbers."""
     part = _chosen(config.table, config.figure)
+    if config.controller and not any(isinstance(one, tuple) or one == NOISE_FREE for one in part.experiments):
+        raise Refusal(
+            "the named figures have no loops, so that a controller has no place in them; leave --controller out, or "
+            "name a table"
+        )
+    own = _own_cases(config)
     for name in config.points:
         if name not in OPERATING_POINTS:
             raise Refusal(f"unknown operating point {name!r}; the known ones are: {', '.join(OPERATING_POINTS)}")
@@ -122,12 +128,29 @@ def results_of(config: Reproduction, progress: Progress) -> Results:
         experiments &= all_experiments(_QUICK_DEAD_TIMES_MIN, tunings=False)
     return _compared_results(
         {
-            point: study(point, experiments, seeds=config.runs, seed=config.seed, progress=progress)
+            point: study(point, experiments, seeds=config.runs, seed=config.seed, progress=progress, own=own)
             for point in config.points
         },
         part,
         config.seed,
+        list(own),
     )
+
+
+def _own_cases(config: Reproduction) -> dict[str, Request[Case]]:
+    """Controllers that the paper does not have, by label."""
+    cases: dict[str, Request[Case]] = {}
+    for case in config.controller:
+        label = label_of(case)
+        if label in PAPER_CONTROLLERS:
+            raise Refusal(
+                f"{label} is one of the paper's own controllers, which are in its tables already; give it other "
+                "settings, or leave it out"
+            )
+        if label in cases:
+            raise Refusal(f"two controllers are named {label!r}; give one of them a label of its own")
+        cases[label] = case
+    return cases
 
 
 @dataclass(frozen=True)
@@ -139,9 +162,11 @@ class _ReproductionResults:
     figures: Sequence[str]
 
 
-def _compared_results(studies: Mapping[str, PointResults], part: _PaperPart, seed: int) -> Results:
-    """Results of the study from those at each operating point."""
-    rows = compare(studies, part.entries)
+def _compared_results(
+    studies: Mapping[str, PointResults], part: _PaperPart, seed: int, own: Sequence[str] = ()
+) -> Results:
+    """Results of the study from those at each operating point; `own` are labels of controllers of one's own."""
+    rows = [row for row in compare(studies, part.entries, own) if row.reproduced or not row.entry.is_own]
     entries = [
         {
             **dataclasses.asdict(row.entry),
@@ -217,9 +242,11 @@ def _figures_of(results: PointResults, names: Collection[str]) -> dict[str, Figu
             width="double",
         )
     traces = {run: loops.example for run, loops in results.runs.items()}
+    own = {name: name for name, _ in traces if name not in PAPER_CONTROLLERS}
+    names = {**PAPER_CONTROLLERS, **own}
     loops_of = {
-        "figure-4": {_NAMES[name]: traces[name, "0"] for name in _NAMES if (name, "0") in traces},
-        "figure-5": {_NAMES[name]: traces[name, NOISE_FREE] for name in _NAMES if (name, NOISE_FREE) in traces},
+        "figure-4": {text: traces[name, "0"] for name, text in names.items() if (name, "0") in traces},
+        "figure-5": {text: traces[name, NOISE_FREE] for name, text in names.items() if (name, NOISE_FREE) in traces},
         "figure-6": {
             f"{time} min": trace for (name, time), trace in traces.items() if name == "mpc" and time.isdigit()
         },
@@ -267,7 +294,7 @@ def _entry_tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResu
                 row.entry.what,
                 _printed_with_unit(row),
                 *(_reproduced(row, point) for point in studies),
-                f"p. {row.entry.page}, {row.entry.place}",
+                "" if row.entry.is_own else f"p. {row.entry.page}, {row.entry.place}",
                 ", ".join(_NUMBERS[name] for name in row.entry.interpretations),
             )
             for row in rows
@@ -286,12 +313,15 @@ def _entry_tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResu
 def _printed_text(row: ComparedEntry) -> str:
     """The printed number, bound or word."""
     printed = row.entry.printed
+    if row.entry.is_own:
+        return "none"
     text = printed if isinstance(printed, str) else f"{printed:g}"
     return f"at most {text}" if row.entry.kind == "at-most" else text
 
 
 def _printed_with_unit(row: ComparedEntry) -> str:
-    return f"{_printed_text(row)} {row.entry.unit}".strip()
+    text = _printed_text(row)
+    return f"{text}, in {row.entry.unit}" if row.entry.is_own and row.entry.unit else f"{text} {row.entry.unit}".strip()
 
 
 def _reproduced(row: ComparedEntry, point: str) -> str:
@@ -299,6 +329,8 @@ def _reproduced(row: ComparedEntry, point: str) -> str:
     results, difference = row.reproduced.get(point), row.difference(point)
     if results is None:
         return "not run"
+    if row.entry.is_own:
+        return results.text
     if row.agrees_by_spread(point):
         verdict = "spread"
     elif row.agrees(point):

@@ -95,20 +95,20 @@ class ModelRequest(Situation):
     @classmethod
     def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
         """Defaults of the patient; what suits a record is chosen by the record."""
-        given = request.explicit
+        explicit = request.explicit
         unused, what = (
             (_EXPERIMENT, "is about the simulated patient, but there is a record; leave one out")
-            if "data" in given
+            if "data" in explicit
             else (_RECORD, "is about a record; give one with --data, or leave it out")
         )
         for name in unused:
-            if name in given:
+            if name in explicit:
                 raise Refusal(f"{_FLAGS.get(name, f'--{name}'.replace('_', '-'))} {what}")
-        if given.get("best_pole") and "laguerre_pole" in given:
+        if explicit.get("best_pole") and "laguerre_pole" in explicit:
             raise Refusal("a Laguerre pole is given and is also to be searched for; leave one out")
-        if given.get("best_pole") and given.get("laguerre_functions") == 0:
+        if explicit.get("best_pole") and explicit.get("laguerre_functions") == 0:
             raise Refusal("0 Laguerre functions have no pole to search for; give more, or leave out the search")
-        if "data" not in given:
+        if "data" not in explicit:
             patient = completed(request_of(request.value("patient")))
             pulse = patient.pulse_mU_min
             person = one_person_of(patient, request.value("seed"))

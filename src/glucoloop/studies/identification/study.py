@@ -370,7 +370,7 @@ def next_steps(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     if "model.json" not in files or results.plain["doubts"]:
         return
     options = {"--sample-time": (config.sample_time_min, 5.0), "--dead-time": (config.dead_time_min, 0.0)}
-    hint = "".join(f" {option} {value:g}" for option, (value, usual) in options.items() if value != usual)
+    hint = "".join(f" {option} {value:g}" for option, (value, default) in options.items() if value != default)
     late = " --controller known_dead_time=true" if config.dead_time_min else ""
     yield f"Use it: glucoloop run --model {files['model.json']}{hint}{late}"
 

@@ -20,7 +20,7 @@ from glucoloop.text import how_many, printable
 from glucoloop.units import MIN_PER_DAY
 
 
-class _RecordSource(NamedTuple):
+class RecordSource(NamedTuple):
     """Files of one record, or the folder of a simulation."""
 
     label: str
@@ -29,6 +29,11 @@ class _RecordSource(NamedTuple):
     paths: tuple[Path, ...]
     alone: bool = False
     """Whether it is all that is reported."""
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it is the folder of a simulation."""
+        return self.paths[0].is_dir() and _is_simulated(self.paths[0])
 
 
 class NamedReadings(NamedTuple):
@@ -40,12 +45,12 @@ class NamedReadings(NamedTuple):
     notes: tuple[str, ...]
 
 
-def sources_of(config: RecordRequest) -> list[_RecordSource]:
+def sources_of(config: RecordRequest) -> list[RecordSource]:
     """Sources in the order of the files, and within a folder in that of the names."""
-    results: list[_RecordSource] = []
+    results: list[RecordSource] = []
     paths_given = [Path(name) for name in config.files]
     if len(paths_given) > 1 and all(path.is_file() for path in paths_given) and are_of_one_person(paths_given):
-        return [_RecordSource(config.labels[0] if config.labels else "Record 1", "", tuple(paths_given), alone=True)]
+        return [RecordSource(config.labels[0] if config.labels else "Record 1", "", tuple(paths_given), alone=True)]
     for place, name in enumerate(config.files):
         path, people = Path(name), list[tuple[Path, ...]]()
         if path.is_dir() and not _is_simulated(path):
@@ -55,14 +60,14 @@ def sources_of(config: RecordRequest) -> list[_RecordSource]:
                 people = [tuple(files)]
         label = config.labels[place] if config.labels else printable(path.name) if config.file_names else ""
         if not people:
-            results.append(_RecordSource(label or f"Record {place + 1}", "", (path,), len(config.files) == 1))
+            results.append(RecordSource(label or f"Record {place + 1}", "", (path,), len(config.files) == 1))
             continue
         group = label or ("People" if len(config.files) == 1 else f"Group {place + 1}")
         begin = "" if len(config.files) == 1 and not config.labels else f"{group}: "
         for number, paths in enumerate(people, 1):
             own = printable(_name_of(path, paths[0])) if config.file_names else f"person {number}"
             results.append(
-                _RecordSource(f"{begin}{own}" if begin or config.file_names else f"Person {number}", group, paths)
+                RecordSource(f"{begin}{own}" if begin or config.file_names else f"Person {number}", group, paths)
             )
     twice = {source.label for source in results if sum(other.label == source.label for other in results) > 1}
     if twice:
@@ -94,10 +99,10 @@ def _name_of(folder: Path, path: Path) -> str:
     return path.relative_to(folder).parts[0]
 
 
-def read(source: _RecordSource, config: RecordRequest) -> Iterator[NamedReadings]:
+def read(source: RecordSource, config: RecordRequest) -> Iterator[NamedReadings]:
     """Records of a source: one of a monitor, or one for each course of a simulation; FileRefusal or Refusal."""
     [first, *_] = source.paths
-    if first.is_dir() and _is_simulated(first):
+    if source.simulated:
         try:
             trajectories = _simulated_trajectories(first)
         except Refusal:
@@ -116,6 +121,12 @@ def read(source: _RecordSource, config: RecordRequest) -> Iterator[NamedReadings
             group = group if trajectory.of_people or source.group else ""
             yield NamedReadings(label, group, trajectory.readings, ("A simulated course; its first minute is 0 h.",))
         return
+    for label, group, record in records(source, config):
+        yield _named(record, label, group, source.paths)
+
+
+def records(source: RecordSource, config: RecordRequest) -> Iterator[tuple[str, str, DeviceRecord]]:
+    """Label, group and record of each person of a source that is no simulation; FileRefusal."""
     people = read_people(
         *source.paths,
         person_column=config.person_column,
@@ -131,11 +142,11 @@ def read(source: _RecordSource, config: RecordRequest) -> Iterator[NamedReadings
     begin = "" if source.alone and not config.labels else f"{source.label}: "
     for number, (name, record) in enumerate(people.items(), 1):
         if len(people) == 1:
-            yield _named(record, source.label, source.group, source.paths)
+            yield source.label, source.group, record
             continue
         who = printable(name) if config.file_names else f"person {number}"
         label = f"{begin}{who}" if begin or config.file_names else f"Person {number}"
-        yield _named(record, label, source.group or (source.label if begin else "People"), source.paths)
+        yield label, source.group or (source.label if begin else "People"), record
 
 
 def _named(record: DeviceRecord, label: str, group: str, paths: Sequence[Path]) -> NamedReadings:

@@ -162,16 +162,16 @@ class Search(Trial):
     @functools.cached_property
     def space(self) -> tuple[Tuned, ...]:
         """Ranges of the tuned numbers: those that are given, and the default ones unless one number is given."""
-        given, fixed = self.ranges or {}, self.case.controller.explicit
+        ranges, fixed = self.ranges or {}, self.case.controller.explicit
         results = []
-        for name, usual in RANGES.items():
-            if name in given:
-                read = parse_range(given[name], usual)
+        for name, default in RANGES.items():
+            if name in ranges:
+                read = parse_range(ranges[name], default)
                 if not isinstance(read, Tuned):
-                    raise Refusal(f"{name} is {given[name]!r}; write it like .1:2, or one number that is kept")
+                    raise Refusal(f"{name} is {ranges[name]!r}; write it like .1:2, or one number that is kept")
                 results.append(read)
-            elif name not in fixed and usual.by_default:
-                results.append(usual)
+            elif name not in fixed and default.by_default:
+                results.append(default)
         if not results:
             raise Refusal("nothing is tuned; give at least one range, like .1:2, in place of a number")
         return tuple(results)

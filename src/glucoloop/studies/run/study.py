@@ -165,7 +165,13 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
-    figure = plot(traces, title=title, units_per_hour=config.patient.subcutaneous, limits=config.limits)
+    figure = plot(
+        traces,
+        title=title,
+        subcutaneous=config.patient.subcutaneous,
+        start_min=config.start_min,
+        limits=config.limits,
+    )
     page = interactive_page(
         traces if len(traces) > 1 else first.trace,
         metrics if len(metrics) > 1 else first.metrics,
@@ -198,7 +204,7 @@ def _models(config: Run, loops: ClosedLoops) -> dict[str, tuple[str, str]]:
 
 def _repeat(config: Run, loops: ClosedLoops, command: str, models: Mapping[str, str]) -> Repeat:
     """Command and configuration that repeat the loops from the folder alone, with the models beside it."""
-    used, given = config.tree(whole=True), config.tree()
+    used, explicit = config.tree(whole=True), config.tree()
     by_label = {outcome.case.label: outcome for outcome in loops.outcomes.values()}
     model_files = {
         case.label: {"name": FileComponent.name, "path": models[case.label]}
@@ -211,8 +217,8 @@ def _repeat(config: Run, loops: ClosedLoops, command: str, models: Mapping[str, 
         table.update({"settled": dict(designed)} if designed else {})
         table.update({"model": model_files[label]} if label in model_files else {})
     if model_files:
-        given.pop("model", None)
-        given["controller"] = given.get("controller") or [case.tree() for case in config.cases]
-        for table, case in zip(given["controller"], config.cases, strict=True):
+        explicit.pop("model", None)
+        explicit["controller"] = explicit.get("controller") or [case.tree() for case in config.cases]
+        for table, case in zip(explicit["controller"], config.cases, strict=True):
             table.update({"model": model_files[case.label]} if case.label in model_files else {})
-    return Repeat(f"{command} --config {command}.toml", used, _FILES, given=given)
+    return Repeat(f"{command} --config {command}.toml", used, _FILES, explicit=explicit)

@@ -470,7 +470,7 @@ def page(config: StressTest, results: Results) -> str:
         "Stress test",
         sentences=_conclusions(results),
         facts=results.plain["facts"],
-        repeat=Repeat("stress --config stress.toml", config.tree(whole=True), files, given=config.tree()),
+        repeat=Repeat("stress --config stress.toml", config.tree(whole=True), files, explicit=config.tree()),
         **values,
     )
 

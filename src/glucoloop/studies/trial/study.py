@@ -110,7 +110,7 @@ def results_of(config: Trial, folder: TrialFolder) -> Results:
         faults=config.fault_texts,
         length_min=config.horizon_min,
         start_min=config.start_min or 0.0,
-        repeat=Repeat("trial --config trial.toml", config.tree(whole=True), _FILES, given=config.tree()),
+        repeat=Repeat("trial --config trial.toml", config.tree(whole=True), _FILES, explicit=config.tree()),
         cases={label: _case_report(config, label, summary, bands[label]) for label in numbers["controllers"]},
     )
     return Results(

@@ -75,10 +75,10 @@ class GridSearch(Run):
     def all_ranges(self) -> dict[str, str]:
         """Range of each tuned setting, as text: the given ones and the default ones."""
         tuning, controller = self.case.tuning, self.case.controller
-        usual = {**_DEFAULT_RANGES, **{key: f"{tuning[key]:g}" for key in ("output_weight", "move_weight")}}
+        defaults = {**_DEFAULT_RANGES, **{key: f"{tuning[key]:g}" for key in ("output_weight", "move_weight")}}
         if "reference_filter" in tuning:
-            usual["reference_filter"] = controller.reference_filters or f"{tuning['reference_filter']:g}"
-        return {**usual, **(self.ranges or {})}
+            defaults["reference_filter"] = controller.reference_filters or f"{tuning['reference_filter']:g}"
+        return {**defaults, **(self.ranges or {})}
 
 
 TUNE: Final = PlainStudy(

@@ -71,8 +71,8 @@ def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
     case = config.case
     name = case.controller.display_name
     kind_of_tuning(name)  # refuses one that cannot be tuned
-    usual, grid = default_tuning(config, name), _grid_of(config)
-    grid = grid if usual in grid else [*grid, usual]
+    default, grid = default_tuning(config, name), _grid_of(config)
+    grid = grid if default in grid else [*grid, default]
     model = model_for(config, case)
     design = designer(config, case, **model_arguments(model))
     progress(f"designing {len(grid)} controllers")
@@ -86,7 +86,7 @@ def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
         integrator=integrator_of(config),
         progress=lambda done, total: progress(f"{done} of {total} runs"),
     )
-    printed = surface.rank_of(usual, "printed" if isinstance(config.patient, DEFAULT_PATIENT) else "usual")
+    printed = surface.rank_of(default, "printed" if isinstance(config.patient, DEFAULT_PATIENT) else "usual")
     plain = {
         "config": config.tree(whole=True),
         "model": None if model is None else model.plain(),
@@ -206,14 +206,14 @@ def sentences(config: GridSearch, results: Results) -> Iterator[str]:
 def files_of(config: GridSearch, results: Results) -> dict[str, bytes]:
     """Page and picture, the model, and the configuration that names it."""
     searched: _Searched = results.extra
-    files, used, given = {}, config.tree(whole=True), config.tree()
+    files, used, explicit = {}, config.tree(whole=True), config.tree()
     if searched.model is not None:
         files["model.json"] = searched.model.text().encode()
         if isinstance(config.case.model, FileComponent):
             model_file = {"name": FileComponent.name, "path": "model.json"}
-            used["controller"][0]["model"] = given["model"] = model_file
+            used["controller"][0]["model"] = explicit["model"] = model_file
     data = {"surface.csv": "all tunings", "tune.json": "the same"}
-    again = Repeat("tune --config tune.toml", used, data, given=given)
+    again = Repeat("tune --config tune.toml", used, data, explicit=explicit)
     files["tune.toml"] = again.text.encode()
     title = f"{config.case.controller.display_name} at {config.place}"
     ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in config.all_ranges.items()}

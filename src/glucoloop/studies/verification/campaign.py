@@ -192,11 +192,11 @@ class _RandomFaults:
     def _around(self, kind: str, inner: Any, person: int | None, limits: DoseLimits | None = None) -> Any:
         """A sensor or pump with one kind of fault around it, whose numbers are those of people."""
         entry = _entry(kind)
-        usual = put_around(inner, completed(Request(entry, self.order.shared[kind])), SAMPLE_MIN, limits)
+        around = put_around(inner, completed(Request(entry, self.order.shared[kind])), SAMPLE_MIN, limits)
         values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
         if entry.idle:
             values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
-        return usual.replaced(**values, **({"episodes": episodes} if "episodes" in usual.derived_names() else {}))
+        return around.replaced(**values, **({"episodes": episodes} if "episodes" in around.derived_names() else {}))
 
     def texts(self, person: int) -> list[str]:
         """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""
@@ -305,13 +305,13 @@ def _horizon_min(controller: str) -> float:
 
 def trial_of(config: Verification, controller: str) -> Trial:
     """The situation of a controller's loops as a trial, whose people, meals and faults are those of the campaign."""
-    given = {
+    settings = {
         "patient": PATIENTS.parse(config.patient),
         "seed": config.seed,
         "duration_min": _horizon_min(controller),
         "meals": (),
     }
-    return completed(Request(Trial, given))
+    return completed(Request(Trial, settings))
 
 
 def catalogue_controller(
