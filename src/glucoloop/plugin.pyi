@@ -36,6 +36,10 @@ from glucoloop.faults.schedule import never as never
 from glucoloop.faults.schedule import once as once
 from glucoloop.faults.schedule import recurring as recurring
 from glucoloop.faults.sensor import SensorFault as SensorFault
+from glucoloop.forecasts.grid import GriddedRecord as GriddedRecord
+from glucoloop.forecasts.method import ForecastMethod as ForecastMethod
+from glucoloop.forecasts.method import GlucoseForecast as GlucoseForecast
+from glucoloop.forecasts.method import last_readings as last_readings
 from glucoloop.meals.habits import HabitComponent as HabitComponent
 from glucoloop.meals.hovorka import HovorkaGut as HovorkaGut
 from glucoloop.meals.protocol import LinearMealModel as LinearMealModel

@@ -21,6 +21,7 @@ from device_files import (
     jaeb,
     libre,
     nightscout_entries,
+    nightscout_text,
     nightscout_treatments,
     ohio,
     tandem,
@@ -423,3 +424,14 @@ def test_the_loop_study_is_in_utc_and_in_mmol(read):
 
 def test_tidepool_as_a_table(read):
     assert readings(read(tidepool_table(30))) == expected(5, 30)
+
+
+MEAL = (minutes(2), {"eventType": "Meal Bolus", "insulin": 4, "carbs": 45})
+
+
+@pytest.mark.parametrize("delimiter", ["\t", ","])
+def test_nightscout_as_text(read, delimiter):
+    record = read(nightscout_text(40, delimiter), nightscout_treatments(MEAL))
+    assert [value for _, value in sorted(readings(record).items())] == [glucose(n) for n in range(40)]
+    assert record.rows == record.rows_used == 41
+    assert set(record.frame["device"].drop_nulls()) == {"Dexcom G6"}

@@ -117,6 +117,23 @@ def nightscout_entries(count=40, start=START, offset=60):
     return json.dumps(told[::-1])
 
 
+def nightscout_text(count=40, delimiter="\t"):
+    """Nightscout's entries as text, newest first."""
+    rows = [
+        delimiter.join(
+            [
+                f'"{time:%Y-%m-%dT%H:%M:%S.000Z}"',
+                str(round((time - datetime(1970, 1, 1)).total_seconds() * 1000)),
+                str(glucose(n)),
+                '"Flat"',
+                f'"xDrip-DexcomG6 {SERIAL}"',
+            ]
+        )
+        for n, time in enumerate(every(5, count))
+    ]
+    return "\r\n".join(rows[::-1])
+
+
 def nightscout_treatments(*events, offset=60):
     """Nightscout's treatments of events ``(time, {key: value})``."""
     told = [
@@ -336,6 +353,7 @@ FILES = {
     "libre": libre(30),
     "carelink": carelink([(START, {"Basal Rate": "1,0"})], _SENSOR),
     "nightscout": nightscout_entries(30),
+    "nightscout-text": nightscout_text(30),
     "tidepool": tidepool(30),
     "glooko": glooko(30),
     "azt1d": azt1d(30),

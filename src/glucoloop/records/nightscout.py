@@ -1,5 +1,7 @@
 """JSON of Nightscout: entries, with the readings, treatments, with carbohydrate, boluses and rates, and profiles.
 
+Entries come as CSV and as text too, without a header: time, milliseconds since 1970, glucose, direction and device.
+
 Times are instants in UTC, with the offset of the uploader's clock where it told one: an offset of 0 stands for an
 unknown one too, since the server writes it beside each time that ends in Z. Readings are in mg/dl whatever the site
 shows; 39 stands for low and 401 for high. Lists come as such, as the ``result`` of version 3 of the interface, and as
@@ -40,6 +42,10 @@ _DELETED: Final = "entries that were deleted"
 _PRIMING: Final = "insulin that fills a tube or a cannula, which nobody gets"
 _SWITCHES: Final = "changes of the profile, which tell the usual basal rate"
 _MS_PER_MIN: Final = 60_000.0
+_LINE: Final = re.compile(
+    r'^"?(\d{4}-\d\d-\d\dT[^",\t]*)"?[,\t](\d{12,13})[,\t](\d*)[,\t]"?[^",\t]*"?[,\t]"?([^"\t]*)"?$'
+)
+"""Line of entries as CSV or text."""
 _MAX_OFFSET_MIN: Final = 840
 
 
@@ -52,7 +58,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
         """Whether a file is a list of entries, treatments or profiles."""
         items = content.items
         if items is None:
-            return False
+            return any(_LINE.match(line.strip()) for line in content.head[:5])
         if profiles_of(content):
             return True
         first = [item for item in items[:50] if isinstance(item, dict)]
@@ -68,7 +74,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of entries or treatments."""
-        items = [item if isinstance(item, dict) else {} for item in content.objects()]
+        items = _items(content)
         sources = cells(_source(item) for item in items)
         times, notes = _times(items, sources, answers)
         doses = [_doses(item) for item in items]
@@ -133,6 +139,17 @@ class Nightscout(ReaderComponent, name="nightscout"):
                 f"The usual basal rate is that of the profiles of Nightscout; it changes {len(usual) - 1} times."
             )
         return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=tuple(notes))
+
+
+def _items(content: FileText) -> list[dict[str, Any]]:
+    """Entries or treatments of a file; an empty one for each that is none."""
+    if content.items is not None or not any(_LINE.match(line.strip()) for line in content.head[:5]):
+        return [item if isinstance(item, dict) else {} for item in content.objects()]
+    lines = (_LINE.match(line.strip()) for line in content.text.split("\n") if line.strip())
+    return [
+        {"dateString": line[1], "date": int(line[2]), "sgv": line[3] or None, "device": line[4]} if line else {}
+        for line in lines
+    ]
 
 
 class _Doses(NamedTuple):
