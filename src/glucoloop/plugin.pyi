@@ -9,6 +9,9 @@ from glucoloop.component.pytree_component import derived as derived
 from glucoloop.component.pytree_component import derived_static as derived_static
 from glucoloop.component.pytree_component import wired as wired
 from glucoloop.component.ranges import Tuned as Tuned
+from glucoloop.component.request import Request as Request
+from glucoloop.component.request import by_default as by_default
+from glucoloop.component.request import completed as completed
 from glucoloop.component.setting import About as About
 from glucoloop.component.setting import Default as Default
 from glucoloop.control.design_case import DesignCase as DesignCase
@@ -36,6 +39,10 @@ from glucoloop.faults.schedule import never as never
 from glucoloop.faults.schedule import once as once
 from glucoloop.faults.schedule import recurring as recurring
 from glucoloop.faults.sensor import SensorFault as SensorFault
+from glucoloop.forecasts.grid import GriddedRecord as GriddedRecord
+from glucoloop.forecasts.method import ForecastMethod as ForecastMethod
+from glucoloop.forecasts.method import GlucoseForecast as GlucoseForecast
+from glucoloop.forecasts.method import last_readings as last_readings
 from glucoloop.meals.habits import HabitComponent as HabitComponent
 from glucoloop.meals.hovorka import HovorkaGut as HovorkaGut
 from glucoloop.meals.protocol import LinearMealModel as LinearMealModel

@@ -23,7 +23,7 @@ OTHERS = {
 """Names that are none of our classes: of Python, of other libraries, and that of an example to be written."""
 GROUPS = {
     *("controllers", "estimators", "habits", "meal_models", "patients", "pumps", "readers", "rescues", "rhythms"),
-    *("samplers", "scenarios", "sensors"),
+    *("forecast_methods", "samplers", "scenarios", "sensors"),
 }
 """Groups of entry points of plug-ins."""
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "_generated" not in path.parts and path.name != "changelog.md")

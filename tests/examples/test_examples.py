@@ -31,6 +31,7 @@ def _in_an_empty_folder(monkeypatch, tmp_path):
         ("your_own_estimator", "share=0.4"),
         ("your_own_sampler", "tried: "),
         ("your_own_reader", "readings: [101.0, 104.0]"),
+        ("your_own_forecast", "forecast in mg/dl: 188.9, 168.4"),
         ("your_own_rhythm", "minutes of less sensitivity: 480, 480, 480"),
         ("your_own_metric", "time from 70 to 140 mg/dl: 91.8 %"),
         ("your_own_data", "1 of 576 samples were missing"),

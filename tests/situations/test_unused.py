@@ -1,5 +1,7 @@
 """What was given and changes nothing is told: each option of a situation changes numbers, or there is a note."""
 
+import contextlib
+import importlib
 import warnings
 
 import jax.numpy as jnp
@@ -12,9 +14,11 @@ from glucoloop.component.effects import OF_CONTROLLERS, NoEffectWarning
 from glucoloop.control import guarded
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.protocol import uses_of
+from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.unused import without_effect
+from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.closed_loop import close_the_loop
 from requests_read import asked
 
@@ -38,6 +42,10 @@ NOTED = [
     (("run", "--seed", "3"), "--seed has no effect: nothing is drawn at random."),
     (("run", "--pump", "max_bolus_U=5"), "max_bolus_U of the pump limited has no effect: the controller mpc does not"),
     (("run", "--controller", "known_dead_time=true"), "known_dead_time of the case has no effect: readings have no"),
+    (
+        ("run", "--patient", "hovorka-2004", "--controller", "mpc, move_horizon=20, known_dead_time=true"),
+        "known_dead_time of the case has no effect: readings have no",
+    ),
     (("run", "--controller", "basal", "--noise", "2"), "The sensor white-noise has no effect on insulin and glucose"),
     (("run", "--controller", "basal", "--fault", "missing"), "The fault missing has no effect on insulin and glucose"),
     (("run", "--noise", "0", "--sensor", "white-noise, bound_mg_dl=3"), "bound_mg_dl of the sensor white-noise has no"),
@@ -159,3 +167,19 @@ def test_a_controller_that_does_not_say_what_it_uses_is_not_doubted(patient_81, 
         warnings.simplefilter("error")
         gl.simulate(patient_81, own, scenario=gl.Scenario([gl.Meal(50.0, 10.0)], 30.0, announced=True))
     assert jnp.isfinite(own.rates_mU_min).all()
+
+
+SENSED = {"sensor": ["dexcom-g6"], "sensors": ["dexcom-g6"]}
+MODELLED = {"controller": ["mpc, known_dead_time=true"], "controllers": ["mpc, known_dead_time=true"]}
+
+
+@pytest.mark.parametrize("name", sorted(STUDIES))
+def test_no_study_says_of_what_it_uses_that_it_has_no_effect(name):
+    """A study that has sensors or controllers says what it uses of them."""
+    module, _, attribute = STUDIES[name].place.partition(":")
+    root = getattr(importlib.import_module(module), attribute).request
+    for key, value in (SENSED | MODELLED).items():
+        late = {"sensor": ["dead-time, minutes=10"]} if key in MODELLED and "sensor" in root.settings() else {}
+        if key in root.settings() and key not in root.refused:
+            with contextlib.suppress(Refusal):  # of a study that takes no such controller
+                assert without_effect(configured(root, {**late, key: value})) == ()

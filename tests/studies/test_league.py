@@ -15,6 +15,7 @@ from glucoloop.situations.situation import configured
 from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach
 from glucoloop.studies.league.numbers import (
+    A_DAY,
     ALL,
     LINE,
     METRICS,
@@ -41,7 +42,7 @@ ON_TARGET = {
 
 def people_of(controller, number=12, scenario="day", **metrics):
     """People of one line, whose metrics are on all targets unless they are given."""
-    columns = {name: np.full(number, ON_TARGET.get(name, 1.0)) for name in (*METRICS, "insulin_U_day")}
+    columns = {name: np.full(number, ON_TARGET.get(name, 1.0)) for name in (*METRICS, *A_DAY)}
     columns |= {name: np.asarray(values, float) for name, values in metrics.items()}
     line = {"family": "f", "sensor": "s", "scenario": scenario, "controller": controller}
     head = {name: [value] * number for name, value in line.items()}
@@ -58,7 +59,7 @@ def numbers(*people, reference="ref", worse_by_pct=1.0):
 @given(st.integers(0, 2**32 - 1), st.integers(3, 40))
 def test_the_numbers_of_a_line_are_those_of_numpy_and_scipy(seed, number):
     rng = np.random.default_rng(seed)
-    drawn = {name: rng.uniform(0.0, 100.0, (2, number)) for name in (*METRICS, "insulin_U_day")}
+    drawn = {name: rng.uniform(0.0, 100.0, (2, number)) for name in (*METRICS, *A_DAY)}
     ours, reference = ({name: values[which] for name, values in drawn.items()} for which in (0, 1))
     row = numbers(people_of("c", number, **ours), people_of("ref", number, **reference))["c"]
     assert row["people"] == number
@@ -255,6 +256,7 @@ def test_the_reference_takes_part_once():
             {"people": 5, "bound_people": 6},
             "--bound is 6, and a family has 5 people; give at most 5, or 6 with --people",
         ),
+        ({"bound_people": 2, "rescue": "below_mg_dl=65"}, "the best doses are searched without rescue carbohydrate"),
         ({"worse_by_pct": -1.0}, "worse_by_pct is -1"),
         ({"families": ["nobody"]}, "unknown patient 'nobody'"),
         ({"reference": "nothing"}, "unknown controller 'nothing'"),
@@ -283,7 +285,7 @@ def test_a_row_is_the_very_trial_that_it_stands_for():
     for result in results:
         alone = engine.run_people(engine.prepare(result.line.trial), result.line.controller, np.arange(3))
         for name in METRICS:
-            np.testing.assert_array_equal(result.people[name], alone.metrics[name])
+            np.testing.assert_array_equal(result.people[name], alone.metrics.get(name, np.zeros(3)))
     kind = rows(league)
     cells = [dict(row) for row in kind.table(results).iter_rows(named=True)]
     again = [kind.row(row, results[:number]) for number, row in enumerate(cells)]
@@ -294,6 +296,26 @@ def test_a_row_is_the_very_trial_that_it_stands_for():
     for wrong in ({"controller": "pid"}, {"person": [0, 1]}, {"shard": 1}):
         with pytest.raises(Refusal):
             kind.row({**cells[1], **wrong}, results[:1])
+
+
+@pytest.mark.long
+def test_people_eat_against_low_glucose_and_their_grams_are_a_column():
+    """Under far too much basal insulin everybody eats, and nobody does without a rescue or without the need."""
+    keys = {**SMALL, "controllers": ["basal-bolus, carb_ratio_g_U=3, label=too much", "basal-bolus"]}
+    whole = {}
+    for rescue in (None, "below_mg_dl=65, carbs_g=20"):
+        league = asked(**keys, **({} if rescue is None else {"rescue": rescue}))
+        search = _LeagueSearch(league)
+        results = search.results_of(list(search.missing([])))
+        whole[rescue] = {row["controller"]: row for row in results.rows if row["sensor"] != ALL}
+        assert ("rescue_g_day" in results.rows[0]) == (rescue is not None)
+    without, with_rescue = whole.values()
+    for label, row in with_rescue.items():
+        grams = row["rescue_g_day"]
+        if without[label]["ever_below_54"]:
+            assert grams >= 20.0 / league.people
+            assert row["time_below_54_mean_pct"] < without[label]["time_below_54_mean_pct"]
+    assert max(row["rescue_g_day"] for row in with_rescue.values()) > 0.0
 
 
 # ------------------------------------------------------------------------------------------- what could be reached

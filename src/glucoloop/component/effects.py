@@ -41,6 +41,8 @@ INDIVIDUAL: Final = Need("no controller is designed", "anything of a person in i
 OF_CONTROLLERS: Final = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, BOLUSES, INDIVIDUAL})
 """Needs that controllers may meet, by what they use or give."""
 
+EVERYTHING: Final = OF_CONTROLLERS | {MEALS, EXERCISE, CHANCE, DEAD_TIME}
+"""All needs, which a study of many situations meets in one or another."""
 ONLY_READINGS: Final = frozenset({READINGS})
 """Needs that most controllers meet."""
 DOSES_BY_PROFILE: Final = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, PROFILE})

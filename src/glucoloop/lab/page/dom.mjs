@@ -22,6 +22,11 @@ export function element(tag, attributes = {}, ...content) {
   return made;
 }
 
+/** A text whose symbols have their subscripts: of "Γ_y" the y. @param {string} text */
+function symbols(text) {
+  return text.split(/_([a-z])\b/).map((part, i) => (i % 2 ? element("sub", {}, part) : part));
+}
+
 /**
  * Put choices into a list.
  * @param {HTMLSelectElement} list
@@ -69,7 +74,7 @@ export function slider(id, summary, { least, most, step }, value, changed) {
     range.value = number.value;
     changed(Number(number.value));
   });
-  return element("div", { class: "slider" }, element("label", { for: id }, label), range, number);
+  return element("div", { class: "slider" }, element("label", { for: id }, ...symbols(label)), range, number);
 }
 
 /** Show a value on a slider, but not in the field that has the focus. @param {Element} box @param {number} value */

@@ -52,7 +52,7 @@ const english = {
     announce: "Meals are announced to the controller",
     duration: "Length of the run",
     controller: "Controller",
-    usual: "Usual tuning",
+    usual: "Default tuning",
     guard: "Guard around the controller",
     guardLimits: "Limits of the guard",
     pumpLimits: "Limits of the pump",
@@ -79,7 +79,7 @@ const english = {
     `The link was made by glucoloop ${there}, and this page is ${here}; numbers may differ.`,
   familyChosen: (/** @type {string} */ family, /** @type {string} */ unit, /** @type {string[]} */ reset) =>
     `The patient is ${family} now, for whom the controller was designed again; insulin is shown in ${unit}.` +
-    (reset.length > 0 ? ` What was set for another patient is usual again: ${reset.join(", ")}.` : ""),
+    (reset.length > 0 ? ` What was set for another patient has its default again: ${reset.join(", ")}.` : ""),
   resets: {
     controller: "the controller, which the page does not have for this patient",
     tuning: "the settings of the controller",
@@ -87,7 +87,7 @@ const english = {
     pump_limits: "the limits of the pump",
   },
   peopleGone: "The people are taken away, since they were drawn around the patient before.",
-  refusedLink: (/** @type {string} */ why) => `The link was not used: ${why}. This is the usual situation.`,
+  refusedLink: (/** @type {string} */ why) => `The link was not used: ${why}. This is the default situation.`,
   refused: (/** @type {string} */ why) => `${why}. The picture is still that of the last possible situation.`,
   link: "link",
   forms: { command: "command", people: "command for people", toml: "configuration", python: "program" },
@@ -163,7 +163,7 @@ const english = {
     {
       title: "The same with a noisy sensor",
       hash: "#controller=mpc&sensor=white-noise,+variance=1.45",
-      text: "The dots are the readings. With noise another tuning is usual, which moves insulin less.",
+      text: "The dots are the readings. With noise the default tuning is another, which moves insulin less.",
     },
     {
       title: "A tuning for readings without noise, with noise",

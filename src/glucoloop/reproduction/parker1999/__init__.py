@@ -6,6 +6,7 @@ import functools
 from typing import Annotated, ClassVar, Final, Literal
 
 from glucoloop.component.base import Component
+from glucoloop.component.effects import EVERYTHING, Need
 from glucoloop.component.request import Request
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.situations.case import Case
@@ -62,6 +63,10 @@ class Reproduction(Component):
         int, _extent("The same seed gives the same numbers.", at_least=0, at_most=LARGEST_SEED - _MAX_SEEDS)
     ] = 1
     quick: Annotated[bool, _extent("A quick look: few seeds, dead times up to 5 min, no tuning searches.")] = False
+
+    def uses(self) -> frozenset[Need]:
+        """Everything, since controllers of one's own meet all situations of the paper."""
+        return EVERYTHING
 
     @property
     def points(self) -> tuple[str, ...]:

@@ -210,7 +210,7 @@ def _columns(results: Results) -> tuple[Column, ...]:
         *(
             Column(
                 name=f"{horizon} rmse_mg_dl",
-                group="Error (RMSE)",
+                group="Error (RMSE, mg/dl)",
                 head=horizon,
                 short=f"{short}\nmg/dl",
                 text=decimals(1),
@@ -327,7 +327,7 @@ def files_of(config: ForecastRequest, results: Results) -> dict[str, bytes]:
         differences=[
             (row["method"], [(row["horizon"], row)]) for row in plain["differences"] if row["future"] == "known"
         ],
-        difference_columns=_DIFFERENCES,
+        difference_columns=_DIFFERENCES if len(people) > 1 else _DIFFERENCES[:3],
         first=plain["first"],
         records=[(row["person"], [("", row)]) for row in plain["records"]],
         record_columns=_RECORDS,

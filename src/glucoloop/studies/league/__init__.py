@@ -11,10 +11,12 @@ from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.base import Component
+from glucoloop.component.effects import EVERYTHING, Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, request_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
+from glucoloop.meals.rescue import RescueComponent
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
@@ -62,6 +64,15 @@ class League(Component):
             flag="--controller",
         ),
     ] = cases_of(*(name for name, part in CONTROLLERS.items() if not part.slow))
+    rescue: Annotated[
+        RescueComponent | None,
+        Option(
+            "Fast carbohydrate that people eat when glucose is low, like 'below_mg_dl=65, carbs_g=20'; its grams a day "
+            "are a column.",
+            alone="carbs",
+            panel=PATIENT_PANEL,
+        ),
+    ] = None
     reference: Annotated[
         Request[Case],
         _controller("Therapy with which each person is compared under the controllers; it takes part too."),
@@ -102,11 +113,20 @@ class League(Component):
             for text in names:
                 if names.count(text) > 1:
                     raise Refusal(f"{flag} {text!r} is given twice; leave one out, or give each another label")
+        if self.rescue is not None and self.bound_people:
+            raise Refusal(
+                "the best doses are searched without rescue carbohydrate, so that no distance to them is fair with it; "
+                "leave --rescue or --bound out"
+            )
         if self.bound_people > self.people:
             raise Refusal(
                 f"--bound is {self.bound_people}, and a family has {self.people} people; give at most {self.people}, "
                 f"or {self.bound_people} with --people"
             )
+
+    def uses(self) -> frozenset[Need]:
+        """Everything: what one controller or scenario has no use for, another one has."""
+        return EVERYTHING
 
     @property
     def family_names(self) -> tuple[str, ...]:

@@ -24,11 +24,15 @@ Array = npt.NDArray[np.float64]
 
 _CELL: Final = ("family", "sensor", "scenario")
 LINE: Final = (*_CELL, "controller")
+RESCUE_CARBS: Final = "rescue_carbs_g"
 METRICS: Final = (
     *("time_70_180_pct", "time_below_70_pct", "time_below_54_pct", "time_above_180_pct", "time_above_250_pct"),
     *("gri", "lbgi", "hbgi", "mean_mg_dl", "minimum_mg_dl", "time_below_validity_pct", "insulin_total_mU"),
+    RESCUE_CARBS,
 )
 """Metrics of each person that are kept."""
+A_DAY: Final = {"insulin_U_day": ("insulin_total_mU", 1e-3), "rescue_g_day": (RESCUE_CARBS, 1.0)}
+"""Numbers of a day, each with its metric and the number of its unit in one of the metric's."""
 ALL: Final = ""
 """Sensor and scenario of the line in which a person's numbers are the means over all cells of the family."""
 TARGETS: Final[Mapping[str, tuple[float, float]]] = {
@@ -139,6 +143,10 @@ COLUMNS: Final = (
     *difference("more_gri", "gri_difference", "GRI less reference", "GRI\nless ref."),
 )
 """Numbers of a controller in a cell; the people who are harmed most come first."""
+RESCUE: Final = _mean(
+    "rescue_g_day", "Rescue carbohydrate", "g/day", name="rescue_g_day", text=decimals(1), short="rescue\ng/day"
+)
+"""Carbohydrate that people ate against low glucose, where they do."""
 _MORE: Final = {
     "more_in_range_pct": "time_70_180_pct",
     "more_70_pct": "time_below_70_pct",
@@ -163,8 +171,8 @@ def line_table(
 ) -> pl.DataFrame:
     """The numbers of each line over its people; those less the reference over the people known under it as well.
 
-    `people` has the columns of `LINE`, ``person``, ``insulin_U_day``, those of `METRICS` and whatever else the
-    `columns` are made of; `lines` the columns of `LINE` alone.
+    `people` has the columns of `LINE`, ``person``, those of `A_DAY`, those of `METRICS` and whatever else the `columns`
+    are made of; `lines` the columns of `LINE` alone.
     """
     same = [*_CELL, "person"]
     under_reference = people.filter(controller=reference).select(*same, **{f"ref_{of}": of for of in _MORE.values()})
@@ -182,11 +190,11 @@ def over_all_cells(people: pl.DataFrame, cells: int) -> pl.DataFrame:
     The minimum glucose is that of all cells.
     """
     results = people.group_by("family", "controller", "person", maintain_order=True).agg(
-        pl.col(*METRICS, "insulin_U_day").exclude("minimum_mg_dl").mean(), pl.col("minimum_mg_dl").min(), pl.len()
+        pl.col(*METRICS, *A_DAY).exclude("minimum_mg_dl").mean(), pl.col("minimum_mg_dl").min(), pl.len()
     )
     every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
     known = results.filter(pl.col("len") == cells).with_columns(every)
-    return known.select(*LINE, "person", *METRICS, "insulin_U_day")
+    return known.select(*LINE, "person", *METRICS, *A_DAY)
 
 
 def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:

@@ -13,6 +13,8 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.component.request import Request, completed
+from glucoloop.meals.rescue import RescueComponent
+from glucoloop.metrics.catalogue import METRICS as METRIC_CATALOGUE
 from glucoloop.patients.component import NOMINAL
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import label_of
@@ -21,9 +23,11 @@ from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.league import LEAGUE, MAX_BEST, MAX_PEOPLE, League, reach, texts
 from glucoloop.studies.league.numbers import (
+    A_DAY,
     ALL,
     LINE,
     METRICS,
+    RESCUE_CARBS,
     TARGETS,
     harms,
     line_table,
@@ -96,10 +100,11 @@ class _ShardResult(NamedTuple):
 
 
 @functools.lru_cache(maxsize=1)
-def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[_Line]:
+def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int, rescue: RescueComponent | None) -> list[_Line]:
     results = []
     for patient, sensor, scenario, case in itertools.product(*parts):
         settings = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
+        settings |= {} if rescue is None else {"rescue": rescue, "metrics": (METRIC_CATALOGUE.choose("rescues"),)}
         family, of_sensor, of_scenario = texts((patient, sensor, scenario))
         trial, reason = None, ""
         try:
@@ -112,7 +117,8 @@ def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[_
 
 def _lines_of(config: League) -> list[_Line]:
     """Every controller in every cell; the controllers of a cell follow one another."""
-    return _lines((config.families, config.sensors, config.scenarios, config.cases), config.people, config.seed)
+    parts = config.families, config.sensors, config.scenarios, config.cases
+    return _lines(parts, config.people, config.seed, config.rescue)
 
 
 Shard = tuple[_Line, int, npt.NDArray[np.int64]]
@@ -242,7 +248,7 @@ class _LeagueSearch:
         lines = pl.DataFrame([{**line.names, "days": line.days} for line in _lines_of(config)])
         people = table.filter(reason="").explode("person", "able", *METRICS).join(lines, on=LINE, maintain_order="left")
         people = people.with_columns(
-            insulin_U_day=pl.col("insulin_total_mU") / 1000.0 / pl.col("days"),
+            **{name: per * pl.col(metric) / pl.col("days") for name, (metric, per) in A_DAY.items()},
             known=pl.col("able") & pl.all_horizontal(pl.col(METRICS).is_finite()),
         )
         cells = len(config.sensors) * len(config.scenarios)
@@ -282,7 +288,9 @@ def _computed(line: _Line, number: int, person: npt.NDArray[np.int64], best: rea
         return _ShardResult(line, number, "", "", "", best.of(line.trial, number, line.controller))
     prepared = prepare(line.trial)
     results, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
-    metrics = {name: results.metrics[name] for name in METRICS}
+    nothing = np.zeros(person.size)  # eaten against low glucose, where the loop has no rescue
+    metrics = {name: results.metrics[name] for name in METRICS if name != RESCUE_CARBS}
+    metrics[RESCUE_CARBS] = results.metrics.get(RESCUE_CARBS, nothing)
     people = {"person": results.person, "able": results.feasible, **metrics}
     return _ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
 
