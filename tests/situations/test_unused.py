@@ -54,6 +54,10 @@ NOTED = [
     (("run", "--seed", "3"), "--seed has no effect: nothing is drawn at random."),
     (("run", "--pump", "max_bolus_U=5"), "max_bolus_U of the pump limited has no effect: the controller mpc does not"),
     (("run", "--controller", "known_dead_time=true"), "known_dead_time of the case has no effect: readings have no"),
+    (
+        ("run", "--patient", "hovorka-2004", "--controller", "mpc, move_horizon=20, known_dead_time=true"),
+        "known_dead_time of the case has no effect: readings have no",
+    ),
     (("run", "--controller", "basal", "--noise", "2"), "The sensor white-noise has no effect on insulin and glucose"),
     (("run", "--controller", "basal", "--fault", "missing"), "The fault missing has no effect on insulin and glucose"),
     (("run", "--noise", "0", "--sensor", "white-noise, bound_mg_dl=3"), "bound_mg_dl of the sensor white-noise has no"),
