@@ -2,6 +2,7 @@
 
 import copy
 import functools
+import os
 import pickle
 import subprocess
 import sys
@@ -325,6 +326,49 @@ def test_a_picture_shows_the_episode_so_far(monkeypatch):
     shown = GlucoseEnv(render_mode="human", **DAY)
     with pytest.raises(Refusal, match="cannot open; use render_mode 'rgb_array'"):
         shown.reset()
+
+
+@pytest.mark.long
+def test_a_window_follows_each_step_until_it_is_closed(monkeypatch):
+    import matplotlib
+    import matplotlib.pyplot as plt
+
+    drawn = []
+    monkeypatch.setattr(matplotlib, "get_backend", lambda: "one with windows")
+    monkeypatch.setattr(plt, "pause", lambda seconds: drawn.append(len(plt.gcf().axes[0].lines[0].get_xdata())))
+    env = GlucoseEnv(render_mode="human", **DAY)
+    before = plt.get_fignums()
+    env.reset(seed=1)
+    for _ in range(3):
+        env.step(np.array([1.0, 0.0]))
+    assert drawn == [1, 2, 3, 4]
+    assert len(plt.get_fignums()) == len(before) + 1
+    env.close()
+    env.close()
+    assert plt.get_fignums() == before
+
+
+WITHOUT_A_DISPLAY = """
+import glucoloop
+from glucoloop.gym.environment import GlucoseEnv
+env = GlucoseEnv(render_mode="human", patient="hovorka-2004", meals=["45g@30min"], duration_min=240.0)
+try:
+    env.reset(seed=1)
+except glucoloop.Refusal as error:
+    print(error)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere windows need no display")
+@pytest.mark.parametrize("backend", ["", "TkAgg", "QtAgg", "agg"])
+def test_without_a_display_a_window_is_refused_in_a_sentence(backend):
+    surroundings = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    surroundings |= {"MPLBACKEND": backend} if backend else {}
+    code = [sys.executable, "-c", WITHOUT_A_DISPLAY]
+    done = subprocess.run(code, env=surroundings, capture_output=True, text=True, timeout=240, check=True)
+    assert done.stdout.startswith("render_mode 'human' needs a window, which matplotlib's backend")
+    assert done.stdout.endswith("cannot open; use render_mode 'rgb_array'\n")
 
 
 FORKED = """

@@ -53,13 +53,17 @@ class EpisodePicture:
         import matplotlib.pyplot as plt
 
         backend = matplotlib.get_backend()
+        refusal = Refusal(
+            f"render_mode 'human' needs a window, which matplotlib's backend {backend} cannot open; use "
+            "render_mode 'rgb_array'"
+        )
         if backend.lower() in _WITHOUT_WINDOW:
-            raise Refusal(
-                f"render_mode 'human' needs a window, which matplotlib's backend {backend} cannot open; use "
-                "render_mode 'rgb_array'"
-            )
+            raise refusal
         if self._window is None:
-            self._window = plt.figure(figsize=_SIZE_INCHES)
+            try:
+                self._window = plt.figure(figsize=_SIZE_INCHES)
+            except (ImportError, RuntimeError):  # a backend whose library or display is not there
+                raise refusal from None
         _draw(self._window, infos)
         plt.pause(0.001)
 
