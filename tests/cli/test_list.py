@@ -68,3 +68,10 @@ def test_how_a_population_is_drawn(glucoloop):
     told = " ".join(glucoloop("list", "boiroux2017").out.split())
     assert "one alone: --patient 'hovorka-2004, person=17'" in told
     assert "weight_kg from 65 to 95, about 80 (uniform): body weight" in told
+
+
+def test_components_of_one_name_are_listed_whole(glucoloop):
+    told = glucoloop("list", "loop-like").out
+    assert "controller loop-like: " in told
+    assert "forecast method loop-like: " in told
+    assert "  fitted = false" in told

@@ -76,9 +76,13 @@ def _setting(component: type[Component], setting: Setting) -> dict[str, Any]:
 
 
 def listing(components: list[dict[str, Any]], width: int = 100) -> str:
-    """Descriptions as text: a line for each of several components, or everything about one."""
-    if len(components) == 1:
-        return "\n".join(line for text, indent in _whole(components[0]) for line in _wrapped(text, indent, width))
+    """Descriptions as text: a line for each of several components, or everything about one, or those of one name."""
+    if len({component["name"] for component in components}) == 1:
+        wholes = (
+            "\n".join(line for text, indent in _whole(component) for line in _wrapped(text, indent, width))
+            for component in components
+        )
+        return "\n\n".join(wholes)
     lines: list[str] = []
     kind = ""
     for component in components:
