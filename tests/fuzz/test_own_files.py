@@ -67,7 +67,7 @@ DOORS = {
             "firmware/chips.py",
             "native/targets/c/numbers.py",
             "reporting/template.py",
-            "patients/dalla_man/simglucose.py",
+            "patients/simglucose.py",
             "plugin.py",
             "lab/pack.py",
             "lab/page_data.py",

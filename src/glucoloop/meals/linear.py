@@ -2,7 +2,7 @@
 
 `appearance_moments` sums over all jumps, at one step. A run takes each jump once, at the step in which it lies, and
 integrates the state of the meal model from step to step, so that time and memory are in proportion to its length.
-`LinearDigestion` does so for people with individual meals and guts, sample by sample of their loop.
+`linear_digestion` does so for people with individual meals and guts, sample by sample of their loop.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def absorb_linearly(model: LinearMealModel, eaten: Eaten) -> LinearAbsorption:
     return LinearAbsorption(model=model, jumps=jumps, state=earlier)
 
 
-def state_at(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
+def _state_at(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
     """State of the meal model ``(states, ...)`` at a time, a scalar or `(...)`; after a jump at that moment."""
     return _answers(absorption.model, absorption.jumps, t_min, absorption.jumps.t_min <= t_min)
 
@@ -145,12 +145,12 @@ def _in_sample(absorption: LinearAbsorption, index: jax.Array, state: jax.Array,
 
 def appearance_mg_min(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
     """Rate at which glucose from meals appears in the blood, at a time, a scalar or `(...)`."""
-    return state_at(t_min, absorption)[0]
+    return _state_at(t_min, absorption)[0]
 
 
 def emptying_mg_min(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
     """Rate at which the stomach empties; the rate of eating where a model has no stomach."""
-    state = state_at(t_min, absorption)
+    state = _state_at(t_min, absorption)
     return state[min(1, state.shape[0] - 1)]
 
 
@@ -188,7 +188,7 @@ def moments_of_jumps(model: LinearMealModel, jumps: Jumps, t_min: jax.Array, ste
 
 
 @pytree
-class LinearDigestion:
+class _LinearDigestion:
     """Matrices of a step without jumps, computed once per gut and step length, people trailing; a `Digestion`."""
 
     of_moments: jax.Array
@@ -216,11 +216,11 @@ class LinearDigestion:
 
 
 @functools.partial(jax.jit, static_argnames=("substeps", "step_min"))
-def linear_digestion(model: LinearMealModel, substeps: int, step_min: float) -> LinearDigestion:
+def linear_digestion(model: LinearMealModel, substeps: int, step_min: float) -> _LinearDigestion:
     """Compute the matrices of a step of a meal model."""
     weights = legendre(NODES).T * WEIGHTS
     path = jnp.stack([model.propagator(jnp.asarray(step_min * node))[0] for node in NODES])
-    return LinearDigestion(
+    return _LinearDigestion(
         of_moments=jnp.tensordot(jnp.asarray(weights), path, 1),
         transition=model.propagator(jnp.asarray(step_min)),
         substeps=substeps,

@@ -24,7 +24,7 @@ _LONG_AGO_MIN = 1e5
 
 
 @pytree
-class RescueState:
+class _RescueState:
     """Time since the person last ate against low glucose, and what of it is still digested."""
 
     since_min: jax.Array
@@ -77,14 +77,14 @@ class RescueCarbs(RescueComponent, name="carbs"):
         """The same for a patient whose meals are absorbed by a model, or digested in the patient's own states."""
         return self.replaced(digested_by_patient=isinstance(gut, Ingestion))
 
-    def init(self, like: jax.Array) -> RescueState:
+    def init(self, like: jax.Array) -> _RescueState:
         """State of a person who has not eaten against low glucose for long."""
         zero = jnp.zeros_like(like)
-        return RescueState(since_min=zero + _LONG_AGO_MIN, compartments_mg_min=jnp.stack([zero, zero]))
+        return _RescueState(since_min=zero + _LONG_AGO_MIN, compartments_mg_min=jnp.stack([zero, zero]))
 
     def eat(
-        self, state: RescueState, seen_mg_dl: jax.Array, moments: jax.Array, sample_time_min: float
-    ) -> tuple[RescueState, jax.Array, jax.Array]:
+        self, state: _RescueState, seen_mg_dl: jax.Array, moments: jax.Array, sample_time_min: float
+    ) -> tuple[_RescueState, jax.Array, jax.Array]:
         """State after a sample, what is eaten at its beginning [g], and the moments of the appearance of all meals.
 
         `moments` ``(steps, 3, ...)`` are those of the other meals. What appears from rescue carbohydrate within a step
@@ -107,7 +107,7 @@ class RescueCarbs(RescueComponent, name="carbs"):
                 blood, gut = after
         added = jnp.stack([jnp.stack([mean, 0.0 * mean, 0.0 * mean]) for mean in means])
         since = jnp.minimum(jnp.where(eats, 0.0, state.since_min) + sample_time_min, _LONG_AGO_MIN)
-        return RescueState(since_min=since, compartments_mg_min=jnp.stack([blood, gut])), eaten_g, moments + added
+        return _RescueState(since_min=since, compartments_mg_min=jnp.stack([blood, gut])), eaten_g, moments + added
 
 
 rescue_carbs: Final = RescueCarbs

@@ -58,7 +58,7 @@ class Metrics:
         return [*super().__dir__(), *self.names]
 
     def __str__(self) -> str:
-        return short_table(self.by_name())
+        return _short_table(self.by_name())
 
     def as_dict(self) -> dict[str, float | int | bool | None]:
         """Plain numbers by name, ready for JSON, which knows no NaN: it becomes None.
@@ -81,7 +81,7 @@ class Metrics:
         return plain
 
 
-def short_table(metrics: Mapping[str, Any]) -> str:
+def _short_table(metrics: Mapping[str, Any]) -> str:
     """The most used metrics with units: of one person, or their distribution over people."""
     people = np.shape(metrics["minimum_mg_dl"])
     lines = (

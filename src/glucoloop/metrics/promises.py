@@ -29,7 +29,7 @@ _ROUNDING: Final = ROUNDING["float64"]
 
 
 @pytree
-class InsulinSums:
+class _InsulinSums:
     """Insulin counted so far."""
 
     on_board: jax.Array
@@ -45,9 +45,9 @@ class Counted:
     """Insulin counted so far, by what was asked for and by what was reported, and whether the caps bind the latter."""
 
     basal_mU_min: jax.Array
-    by_request: InsulinSums
+    by_request: _InsulinSums
     """Insulin that the pump can have given if it gives no more than was requested."""
-    by_report: InsulinSums
+    by_report: _InsulinSums
     """The same, or what it reports where that is more."""
     rate_mU_min: jax.Array
     """Largest rate of the last sample by request."""
@@ -82,7 +82,7 @@ class Caps:
         """State after a long time at the basal rate."""
         hour = math.ceil(MIN_PER_H / self.sample_time_min) + 1, *jnp.shape(basal_mU_min)
         none = jnp.zeros_like(basal_mU_min)
-        sums = InsulinSums(
+        sums = _InsulinSums(
             on_board=none,
             hour_mU_min=jnp.broadcast_to(basal_mU_min, hour),
             hour_bolus_mU=jnp.broadcast_to(none, hour),
@@ -138,15 +138,15 @@ class Caps:
         kept = self._hold(by_request, coming, bolus, basal)
         return after, kept & (self._hold(by_report, reported_coming, bolus, basal) | (binds < 0.5))
 
-    def _with(self, sums: InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array) -> InsulinSums:
+    def _with(self, sums: _InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array) -> _InsulinSums:
         """The sums with one more sample."""
-        return InsulinSums(
+        return _InsulinSums(
             on_board=self._on_board(sums.on_board, rate_mU_min + bolus_mU / self.sample_time_min, basal),
             hour_mU_min=jnp.concatenate([sums.hour_mU_min[1:], jnp.maximum(rate_mU_min, basal)[None]]),
             hour_bolus_mU=jnp.concatenate([sums.hour_bolus_mU[1:], bolus_mU[None]]),
         )
 
-    def _hold(self, sums: InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array) -> jax.Array:
+    def _hold(self, sums: _InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array) -> jax.Array:
         """Whether both caps hold while a rate and a bolus are given in the coming sample."""
         at_once = sums.on_board + bolus_mU / (self.settings.on_board_tau_min * basal)
         later = self._on_board(sums.on_board, rate_mU_min + bolus_mU / self.sample_time_min, basal)
@@ -154,7 +154,7 @@ class Caps:
         return on_board & self._hours_hold(sums, jnp.maximum(rate_mU_min, basal), bolus_mU, basal)
 
     def _hours_hold(
-        self, sums: InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array
+        self, sums: _InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array
     ) -> jax.Array:
         """Whether no window of 60 min that ends in the coming sample holds more than its cap."""
         of_rates, of_boluses = _windows(sums.hour_mU_min.shape[0], self.sample_time_min)
@@ -231,7 +231,7 @@ def _all(holds: Iterable[jax.Array]) -> jax.Array:
 
 
 @pytree
-class PromiseTally:
+class _PromiseTally:
     """Observations of a loop so far."""
 
     lowest_mg_dl: jax.Array
@@ -258,10 +258,10 @@ class Promises:
     caps: Caps | None = None
     """Caps of the guard; None without one, for which that promise counts as kept."""
 
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> PromiseTally:
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _PromiseTally:
         """State with no promise broken."""
         none = jnp.zeros((len(PROMISES), *jnp.shape(glucose_mg_dl)), jnp.result_type(float, glucose_mg_dl))
-        return PromiseTally(
+        return _PromiseTally(
             lowest_mg_dl=glucose_mg_dl,
             below_60=jnp.zeros_like(glucose_mg_dl),
             broken=none,
@@ -270,7 +270,7 @@ class Promises:
             counted=None if self.caps is None else self.caps.init(insulin_mU_min),
         )
 
-    def step(self, tally: PromiseTally, happened: SampledInside, t_min: jax.Array) -> PromiseTally:
+    def step(self, tally: _PromiseTally, happened: SampledInside, t_min: jax.Array) -> _PromiseTally:
         """Check a sample, and include the time until the next."""
         counted, within_caps = tally.counted, jnp.ones_like(tally.below_60, bool)
         if self.caps is not None and counted is not None:
@@ -284,7 +284,7 @@ class Promises:
             )
         broken = breaches(self.fulfilled(happened, tally.lowest_mg_dl, tally.requested_mU_min, within_caps))
         below = jnp.where(happened.inside_mg_dl < LOW_MG_DL, 1.0, 0.0)
-        return PromiseTally(
+        return _PromiseTally(
             lowest_mg_dl=jnp.minimum(tally.lowest_mg_dl, jnp.min(happened.inside_mg_dl, axis=0)),
             below_60=tally.below_60 + jnp.sum(below, axis=0),
             broken=tally.broken + broken,

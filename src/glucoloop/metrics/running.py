@@ -28,7 +28,7 @@ _ROUNDING_MU_MIN: Final = {"float64": 1e-9, "float32": 1e-4}
 
 
 @pytree
-class Tally:
+class _Tally:
     """States of all metrics, of one person or of many."""
 
     states: tuple[Any, ...]
@@ -45,20 +45,20 @@ class RunningMetrics(Trajectory):
     further: tuple[str, ...] = static(default=())
     """Texts of metrics beside those of this package: name and settings."""
 
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Tally:
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Tally:
         """States at the start, which is the first point of the grid."""
         zero = jnp.zeros_like(glucose_mg_dl)
-        start = Tally(
+        start = _Tally(
             states=tuple(metric.init(self, glucose_mg_dl, insulin_mU_min) for metric in self._metrics),
             glucose=zero,
             insulin=zero,
         )
         return self._point(start, glucose_mg_dl, zero)
 
-    def step(self, tally: Tally, happened: Sampled, t_min: jax.Array) -> Tally:
+    def step(self, tally: _Tally, happened: Sampled, t_min: jax.Array) -> _Tally:
         """Include a sample and the grid until the next."""
         pairs = zip(self._metrics, tally.states, strict=True)
-        tally = Tally(
+        tally = _Tally(
             states=tuple(metric.sample(self, state, happened, t_min) for metric, state in pairs),
             glucose=tally.glucose,
             insulin=tally.insulin + 0.0 * happened.infused_mU_min,
@@ -67,9 +67,9 @@ class RunningMetrics(Trajectory):
             tally = self._point(tally, happened.inside_mg_dl[place], t_min + after)
         return tally
 
-    def _point(self, tally: Tally, glucose: jax.Array, t_min: jax.Array) -> Tally:
+    def _point(self, tally: _Tally, glucose: jax.Array, t_min: jax.Array) -> _Tally:
         pairs = zip(self._metrics, tally.states, strict=True)
-        return Tally(
+        return _Tally(
             states=tuple(metric.point(self, state, glucose, t_min) for metric, state in pairs),
             glucose=tally.glucose + 0.0 * glucose,
             insulin=tally.insulin,
@@ -77,7 +77,7 @@ class RunningMetrics(Trajectory):
 
     def finish(
         self,
-        tally: Tally,
+        tally: _Tally,
         *,
         samples: int,
         sample_time_min: float,
@@ -101,7 +101,7 @@ class RunningMetrics(Trajectory):
             )
         return metrics
 
-    def finished(self, tally: Tally, *, samples: int, **of_run: Any) -> Metrics:
+    def finished(self, tally: _Tally, *, samples: int, **of_run: Any) -> Metrics:
         """Metrics of a run; further arguments are those of `metrics.metric.Ended`."""
         ended = Ended(
             samples=samples,
@@ -112,7 +112,7 @@ class RunningMetrics(Trajectory):
         )
         return Metrics.of(dict(self._results(tally, ended)), self.further)
 
-    def _results(self, tally: Tally, ended: Ended) -> Iterator[tuple[str, Any]]:
+    def _results(self, tally: _Tally, ended: Ended) -> Iterator[tuple[str, Any]]:
         for metric, state in zip(self._metrics, tally.states, strict=True):
             results, names = metric.finish(self, state, ended), [result.name for result in metric.results]
             if sorted(results) != sorted(names):
@@ -195,14 +195,14 @@ def _summarised(
         further=further,
     )
 
-    def sample(tally: Tally, entry: tuple[Sampled, jax.Array]) -> tuple[Tally, None]:
+    def sample(tally: _Tally, entry: tuple[Sampled, jax.Array]) -> tuple[_Tally, None]:
         return accumulator.step(tally, *entry), None
 
     before = trace.basal_insulin_mU_min if trace.rate_before_mU_min is None else trace.rate_before_mU_min
     start = accumulator.init(fine[0], jnp.broadcast_to(before, fine.shape[1:]))
     sample_time_min = accumulator.sample_time_min
     happened = _happened(trace, inside, sample_time_min)
-    tally: Tally = jax.lax.scan(sample, start, (happened, trace.t_min))[0]
+    tally: _Tally = jax.lax.scan(sample, start, (happened, trace.t_min))[0]
     return accumulator.finished(
         tally, samples=samples, sample_time_min=sample_time_min, first_meal_min=first_meal_min(trace)
     )

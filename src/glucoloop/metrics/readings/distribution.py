@@ -143,7 +143,7 @@ def risk_indices(readings: Readings) -> Numbers:
     }
 
 
-def grade_of(glucose_mg_dl: Floats) -> Floats:
+def _grade_of(glucose_mg_dl: Floats) -> Floats:
     """GRADE of each glucose: ``min(50, 425 (log10(log10(G)) + 0.16)^2)`` with G in mmol/l; 50 up to 1 mmol/l."""
     inner = np.log10(np.maximum(glucose_mg_dl / _MG_DL_PER_MMOL_L_OF_GRADE, 1.0 + 1e-9))
     return np.asarray(np.minimum(50.0, 425.0 * (np.log10(inner) + 0.16) ** 2))
@@ -166,7 +166,7 @@ def quality(readings: Readings) -> Numbers:
     Scand. 177(1), 95-102, 1965: without the correction for the range of a few readings.
     """
     glucose = readings.glucose_mg_dl
-    grade = grade_of(glucose)
+    grade = _grade_of(glucose)
     weighted = grade if readings.weight_min is None else grade * readings.weight_min
     total = max(float(weighted.sum()), np.finfo(float).tiny)
     low, high = glucose < 70.0, glucose > 140.0

@@ -90,7 +90,7 @@ def percentiles(values: Floats, weights: Floats | None) -> Floats:
     return np.interp(np.asarray(PERCENTILES) / 100.0, at, values[order])
 
 
-def of_part(readings: Readings | None) -> Mapping[str, float]:
+def _of_part(readings: Readings | None) -> Mapping[str, float]:
     """Mean, variation and times in ranges of some of the readings; empty for fewer than two."""
     return {} if readings is None else {**mean_and_variation(readings), **times_in_ranges(readings)}
 
@@ -105,11 +105,11 @@ def by_day(readings: Readings) -> Iterator[tuple[int, Mapping[str, float]]]:
             active = min(100.0, 100.0 * (high - low) / of_a_day)
             if readings.weight_min is not None:
                 active = min(100.0, 100.0 * float(readings.weight_min[low:high].sum()) / MIN_PER_DAY)
-            yield day, {"readings": float(high - low), "active_pct": active, **of_part(part)}
+            yield day, {"readings": float(high - low), "active_pct": active, **_of_part(part)}
 
 
 def by_time_of_day(readings: Readings) -> Iterator[tuple[str, Mapping[str, float]]]:
     """Numbers of each quarter of the day."""
     hour = readings.time_of_day_min / MIN_PER_H
     for name, (begins, ends) in PARTS_OF_DAY.items():
-        yield name, of_part(readings.only((hour >= begins) & (hour < ends)))
+        yield name, _of_part(readings.only((hour >= begins) & (hour < ends)))

@@ -35,7 +35,7 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class GlucoseGrid:
+class _GlucoseGrid:
     """Glucose at equal steps from midnight of the first day, NaN in gaps."""
 
     step_min: float
@@ -220,11 +220,11 @@ class Readings:
         return float(of.mean()) if self.weight_min is None else float(np.average(of, weights=self.weight_min))
 
     @functools.cached_property
-    def grid(self) -> GlucoseGrid:
+    def grid(self) -> _GlucoseGrid:
         """Glucose at each interval; see `at_steps`."""
         return self.at_steps(self.interval_min)
 
-    def at_steps(self, step_min: float) -> GlucoseGrid:
+    def at_steps(self, step_min: float) -> _GlucoseGrid:
         """Glucose at equal steps, interpolated between readings at most 45 min apart."""
         first, last = int(np.ceil(self.t_min[0] / step_min)), int(np.floor(self.t_min[-1] / step_min))
         t = step_min * np.arange(first, last + 1, dtype=float)
@@ -232,7 +232,7 @@ class Readings:
         after = np.searchsorted(self.t_min, t, side="left").clip(1, self.t_min.size - 1)
         gap = self.t_min[after] - self.t_min[after - 1]
         inside = (t > self.t_min[after - 1]) & (t < self.t_min[after])
-        return GlucoseGrid(step_min, first, np.where(inside & (gap > LONGEST_FILLED_MIN), np.nan, glucose))
+        return _GlucoseGrid(step_min, first, np.where(inside & (gap > LONGEST_FILLED_MIN), np.nan, glucose))
 
 
 def _weights_min(t_min: Floats) -> Floats | None:

@@ -145,7 +145,7 @@ def renal_excretion(p: SorensenParameters, G_K: jax.Array) -> jax.Array:
     return jnp.where(G_K < p.excretion_threshold, p.excretion(G_K), spill)
 
 
-def peripheral_uptake(p: SorensenParameters, G_PI: jax.Array, insulin_effect: jax.Array) -> jax.Array:
+def _peripheral_uptake(p: SorensenParameters, G_PI: jax.Array, insulin_effect: jax.Array) -> jax.Array:
     """Glucose taken up by muscle and fat, mg/min."""
     return p.basal_peripheral_uptake * (G_PI / p.ref_G_PI) * insulin_effect
 
@@ -246,7 +246,7 @@ def glucose_kinetics(p: SorensenParameters, y: jax.Array, effects: jax.Array, me
             hepatic_balance(p, G_L, A_IHGP, A_IHGU, N, A_NHGP) / p.v_L,
             -renal_excretion(p, G_K) / p.v_K,
             none,
-            -peripheral_uptake(p, G_PI, on_periphery) / p.v_PI,
+            -_peripheral_uptake(p, G_PI, on_periphery) / p.v_PI,
             on_production / p.tau_I + none,
             on_uptake / p.tau_I + none,
             p.k_N * on_glucagon * p.M_GPNR(G_H / p.ref_G_H),

@@ -18,7 +18,7 @@ SOURCE: Final = "Parker, Doyle, Ward, Peppas 2000, AIChE J. 46(12)"
 LARGEST_VARIATION_PCT: Final = 40.0
 
 
-class Uncertain(NamedTuple):
+class _Uncertain(NamedTuple):
     """A parameter that the paper varies."""
 
     parameter: str
@@ -32,13 +32,13 @@ class Uncertain(NamedTuple):
 # fmt: off
 # ruff: noqa: E501 (a table reads best with one value on each line)
 UNCERTAIN: Final = (
-    Uncertain("F_LC", None, "fraction of insulin cleared by the liver", SOURCE),
-    Uncertain("F_PC", None, "fraction of insulin cleared by the periphery", SOURCE),
-    Uncertain("M_IHGP.strength", None, "insulin on hepatic production: scale E of the whole effect", SOURCE),
-    Uncertain("M_IHGP.inflection", None, "insulin on hepatic production: inflection D", SOURCE),
-    Uncertain("M_IHGU.strength", None, "insulin on hepatic uptake: scale E of the whole effect", SOURCE),
-    Uncertain("M_IHGU.inflection", 0.4, "insulin on hepatic uptake: inflection D; printed as 0, moved by 0.4 of the healthy basal concentration", f"reading of {SOURCE}"),
-    Uncertain("M_IPGU.strength", None, "insulin on peripheral uptake: scale E of the whole effect", SOURCE),
-    Uncertain("M_IPGU.inflection", None, "insulin on peripheral uptake: inflection D", SOURCE),
+    _Uncertain("F_LC", None, "fraction of insulin cleared by the liver", SOURCE),
+    _Uncertain("F_PC", None, "fraction of insulin cleared by the periphery", SOURCE),
+    _Uncertain("M_IHGP.strength", None, "insulin on hepatic production: scale E of the whole effect", SOURCE),
+    _Uncertain("M_IHGP.inflection", None, "insulin on hepatic production: inflection D", SOURCE),
+    _Uncertain("M_IHGU.strength", None, "insulin on hepatic uptake: scale E of the whole effect", SOURCE),
+    _Uncertain("M_IHGU.inflection", 0.4, "insulin on hepatic uptake: inflection D; printed as 0, moved by 0.4 of the healthy basal concentration", f"reading of {SOURCE}"),
+    _Uncertain("M_IPGU.strength", None, "insulin on peripheral uptake: scale E of the whole effect", SOURCE),
+    _Uncertain("M_IPGU.inflection", None, "insulin on peripheral uptake: inflection D", SOURCE),
 )
 # fmt: on

@@ -1,1 +1,0 @@
-"""Published constants of the model of Dalla Man et al., one set per file."""

@@ -1,1 +1,0 @@
-"""Published people, one set in a file."""
