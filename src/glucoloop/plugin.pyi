@@ -9,6 +9,9 @@ from glucoloop.component.pytree_component import derived as derived
 from glucoloop.component.pytree_component import derived_static as derived_static
 from glucoloop.component.pytree_component import wired as wired
 from glucoloop.component.ranges import Tuned as Tuned
+from glucoloop.component.request import Request as Request
+from glucoloop.component.request import by_default as by_default
+from glucoloop.component.request import completed as completed
 from glucoloop.component.setting import About as About
 from glucoloop.component.setting import Default as Default
 from glucoloop.control.design_case import DesignCase as DesignCase

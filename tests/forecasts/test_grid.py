@@ -70,6 +70,16 @@ def test_a_sample_holds_what_came_within_the_five_minutes_that_end_with_it():
     assert np.isfinite(grid.reading_mg_dl).sum() == 4
 
 
+def test_a_bolus_over_a_time_is_given_over_it():
+    extended = record([*readings(1), (600.0, "bolus_U", 3.0), (900.0, "bolus_U", 1.0)])
+    minutes = pl.when(pl.col("bolus_U") == 3.0).then(30.0)
+    extended = DeviceRecord(frame=extended.frame.with_columns(bolus_min=minutes), rows=extended.rows)
+    given_U = gridded_record(extended).user_bolus_U
+    assert given_U[120:126].tolist() == pytest.approx([0.5] * 6)
+    assert given_U[179] == 1.0
+    assert given_U.sum() == pytest.approx(4.0)
+
+
 def test_the_last_days_are_used():
     grid = gridded_record(record(readings(5)), most_days=3)
     assert grid.days == grid.days_with_readings == 3

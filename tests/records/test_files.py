@@ -173,13 +173,18 @@ def test_the_database_of_xdrip(tmp_path):
                 (at[3], "Note", 0.0, 0.0, None),
             ],
         )
+        database.execute("INSERT INTO BgReadings VALUES (99, ?, 38, 0)", (at[-1] + 300_000,))  # an error
         database.execute("INSERT INTO BloodTest VALUES (?, 118)", (at[4],))
     database.close()
     record = gl.read_record(path)
     assert reading_times(record) == every(5, 40)
     sums = [record.frame[name].sum() for name in ("carbs_g", "bolus_U", "long_acting_U")]
     assert sums == [40.0, 3.5, 14.0]
-    assert record.left_out == {"finger pricks": 1, "rows without glucose, carbohydrate or insulin": 1}
+    assert record.left_out == {
+        "readings without a value": 1,
+        "finger pricks": 1,
+        "rows without glucose, carbohydrate or insulin": 1,
+    }
 
 
 @pytest.mark.parametrize("data", [b"SQLite format 3\0", b"SQLite format 3\0" + bytes(5000)])

@@ -195,3 +195,13 @@ def test_an_unknown_time_zone_and_an_unknown_order_are_refused(refused):
     )
     with pytest.raises(gl.Refusal, match="dates is 'year-first'; give day-first or month-first"):
         gl.read_record("no file", dates="year-first")
+
+
+@pytest.mark.parametrize("year", ["024", "24", "0024", "0999", "9999"])
+def test_a_year_that_no_study_has_is_no_time(read, tmp_path, year):
+    lines = [f"{time:%Y-%m-%d %H:%M:%S},{100 + n}" for n, time in enumerate(every(5, 20))]
+    lines[3] = f"{year}{lines[3][4:]}"
+    record = read("\n".join(["time,glucose_mg_dl", *lines]))
+    assert (record.rows_used, record.left_out) == (19, {"rows without a readable time": 1})
+    record.write_parquet(tmp_path / "record.parquet")
+    assert gl.read_record(tmp_path / "record.parquet").frame.equals(record.frame)

@@ -119,7 +119,7 @@ def gridded_record(record: DeviceRecord, *, most_days: int = 28) -> GriddedRecor
 
     Times are those of the clock on the wall at the end of the record, where the record knows its offsets from UTC. A
     reading beyond the range of the sensor counts as its limit. Where the basal rate is not known, it is its median at
-    that time of day. Long-acting insulin is spread over the 24 h from its injection.
+    that time of day. A bolus over a time is given over it, and long-acting insulin over the 24 h from its injection.
 
     Parameters
     ----------
@@ -158,18 +158,13 @@ def gridded_record(record: DeviceRecord, *, most_days: int = 28) -> GriddedRecor
 
     carbs = _summed(frame, "carbs_g", first, samples)
     basal, off_schedule_pct = _basal_of(frame, first, days, notes)
-    boluses = frame.filter(pl.col("bolus_U") > 0.0)
-    bolus = _summed(boluses, "bolus_U", first, samples)
-    user = bolus
-    if off_schedule_pct > _MAX_OFF_SCHEDULE_PCT:
-        near = round(_WITH_CARBS_MIN / SAMPLE_MIN)
-        user = np.where(np.convolve(carbs > 0.0, np.ones(2 * near + 1), "same") > 0.0, bolus, 0.0)
+    user, automatic = _boluses_of(frame, first, carbs, automated=off_schedule_pct > _MAX_OFF_SCHEDULE_PCT)
     return GriddedRecord(
         first=first,
         reading_mg_dl=glucose,
         basal_U=basal,
         user_bolus_U=user,
-        automatic_bolus_U=bolus - user,
+        automatic_bolus_U=automatic,
         carbs_g=carbs,
         basal_off_schedule_pct=off_schedule_pct,
         notes=tuple(notes),
@@ -200,6 +195,27 @@ def _summed(frame: pl.DataFrame, column: str, first: dt.datetime, samples: int) 
     result = np.zeros(samples)
     np.add.at(result, at, rows[column].to_numpy()[inside])
     return result
+
+
+def _boluses_of(frame: pl.DataFrame, first: dt.datetime, carbs_g: Values, *, automated: bool) -> tuple[Values, Values]:
+    """Insulin of each sample by boluses of the user and by those of automation [U], each over its time."""
+    boluses = frame.filter(pl.col("bolus_U") > 0.0)
+    begins_min, dose_U = _minutes(boluses, first), boluses["bolus_U"].to_numpy()
+    over_min = boluses["bolus_min"].fill_null(0.0).to_numpy()
+    edges = SAMPLE_MIN * np.arange(carbs_g.size + 1)
+    at, inside = _samples_of(boluses, first, carbs_g.size)
+    near = round(_WITH_CARBS_MIN / SAMPLE_MIN)
+    by_user, by_automation = np.zeros((2, carbs_g.size))
+    sample_of = np.full(dose_U.size, -1)
+    sample_of[inside] = at
+    for begin_min, dose, length_min, sample in zip(begins_min, dose_U, over_min, sample_of.tolist(), strict=True):
+        with_carbs = sample >= 0 and carbs_g[max(sample - near, 0) : sample + near + 1].any()
+        result = by_automation if automated and not with_carbs else by_user
+        if length_min > 0.0:
+            result += dose * np.diff(np.clip((edges - begin_min) / length_min, 0.0, 1.0))
+        elif sample >= 0:
+            result[sample] += dose
+    return by_user, by_automation
 
 
 def _basal_of(frame: pl.DataFrame, first: dt.datetime, days: int, notes: list[str]) -> tuple[Values, float]:

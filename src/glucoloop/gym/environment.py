@@ -17,7 +17,7 @@ from glucoloop.component.effects import (
     TIME_OF_DAY,
     warn_without_effect,
 )
-from glucoloop.component.request import completed
+from glucoloop.control.guard_settings import guard_of
 from glucoloop.gym.people import DosedPeople
 from glucoloop.gym.picture import EpisodePicture
 from glucoloop.gym.rewards import RewardFunction, kovatchev_risk, reward_of
@@ -69,7 +69,7 @@ class _Situation:
         trial = self.people.trial
         agent = {ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, *([] if truth else [READINGS])}
         agent |= {BOLUSES} if self.people.gives_bolus else set()
-        agent |= completed(trial.guard).uses() if trial.guard is not None else set()
+        agent |= guard_of(trial.patient, trial.guard).uses() if trial.guard is not None else set()
         warn_without_effect(without_effect(trial, uses=trial.uses() - OF_CONTROLLERS | agent), stacklevel=3)
         low, high = ([u_h_from_mu_min(float(rate))] for rate in (trial.limits.min_mU_min, trial.limits.max_mU_min))
         most_U = high[0] * trial.sample_time_min / MIN_PER_H

@@ -115,4 +115,4 @@ def _dose(text: str | None) -> dict[str, float | bool | None]:
         rapid += share * float(units)
         slow += (1.0 - share) * float(units)
         mixed = mixed or 0.0 < share < 1.0
-    return {"rapid": rapid or None, "slow": slow or None, "mixed": mixed}
+    return {"rapid": round(rapid, 3) or None, "slow": round(slow, 3) or None, "mixed": mixed}

@@ -31,9 +31,14 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
     """
     for written in _WRITTEN:
         whole = texts.str.to_datetime(written, time_unit="us", strict=False)
-        if whole.null_count() == texts.null_count():  # as most files have them, and many times faster
+        sound = whole.drop_nulls().dt.year().is_between(*YEARS).all()
+        if sound and whole.null_count() == texts.null_count():  # as most files have them, and many times faster
             return whole.to_frame("time").with_columns(in_utc=pl.lit(False), utc_offset_min=pl.lit(None, pl.Int32)), []
     parts = _parts(texts)
+    dated = parts.filter(pl.col("a").is_not_null())
+    if 2 * dated.filter("year_first").height > dated.height:
+        # Among years of four digits one of fewer is damage, not a day.
+        parts = parts.with_columns(a=pl.when("year_first").then("a"), year_first=pl.lit(True))
     order, notes = _order(parts, texts, answers.dates, usual)
     day_first = pl.col("year_first") | pl.col("named") | (order == DAY_FIRST)
     short = pl.when(pl.col("c") < 100).then(2000).otherwise(0)

@@ -20,6 +20,8 @@ from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import from_utc, times_of
 
 _CSV: Final = ("DAY", "TIME", "UDT_CGMS")
+_ERROR_MG_DL: Final = 38.0
+"""Value that stands for an error; smaller ones are codes of errors too."""
 _READINGS, _TREATMENTS, _PRICKS = (tuple(columns) for columns in XDRIP_TABLES.values())
 
 
@@ -67,8 +69,11 @@ def _rows_of_table(header: tuple[str, ...], table: CellTable) -> Extract:
     columns: dict[str, pl.Expr] = {}
     kind = "finger pricks" if header == _PRICKS else "readings without a value"
     if header == _READINGS:
-        displayed = pl.col("dg_mgdl").cast(pl.Float64, strict=False)
-        columns = {"glucose": pl.when(displayed > 0.0).then("dg_mgdl").otherwise("calculated_value")}
+        displayed, calculated = (
+            pl.col(name).cast(pl.Float64, strict=False) for name in ("dg_mgdl", "calculated_value")
+        )
+        value = pl.when(calculated.is_null() | (calculated > _ERROR_MG_DL)).then("calculated_value")
+        columns = {"glucose": pl.when(displayed > _ERROR_MG_DL).then("dg_mgdl").otherwise(value)}
     elif header == _TREATMENTS:
         slow = pl.lit(pl.Series([_is_slow(text) for text in frame["insulinJSON"]], dtype=pl.Boolean))
         columns = {

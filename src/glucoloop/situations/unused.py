@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from glucoloop.component.base import Component
@@ -46,7 +46,7 @@ def _unused(
         if lacking is not None and value != setting.default.noise_free:
             yield named(setting) if named is not None else f"{name} of the {_called(component)}", lacking
             continue
-        for inner in _components(value):
+        for inner in _components(value, getattr(component, "cases", ()) if name == "controller" else ()):
             lacking = _first_lacking(inner.needs(), uses)
             if lacking is not None:
                 yield f"The {_called(inner)}", lacking
@@ -54,10 +54,15 @@ def _unused(
                 yield from _unused(inner, uses | inner.uses())
 
 
-def _components(value: Any) -> Iterator[Component]:
-    """Components of an explicit setting; those that need other defaults than the ones of their class are left out."""
-    for item in value if isinstance(value, tuple | list) else (value,):
-        if isinstance(item, Component | Request):
+def _components(value: Any, cases: Iterable[Any]) -> Iterator[Component]:
+    """Components of an explicit setting, or the cases of them where there are some, complete.
+
+    A request that the defaults of its class do not complete is left out.
+    """
+    for item in cases or (value if isinstance(value, tuple | list) else (value,)):
+        if isinstance(item, Component):
+            yield item
+        elif isinstance(item, Request):
             with contextlib.suppress(Refusal):
                 yield completed(item)
 
@@ -67,7 +72,7 @@ def _first_lacking(needs: tuple[Need, ...], uses: frozenset[Need]) -> Need | Non
 
 
 def _called(component: Component) -> str:
-    return f"{component.kind} {component.display_name or component.name}".rstrip()
+    return f"{component.kind} {component.display_name}".rstrip()
 
 
 def _reason(need: Need, controllers: list[str]) -> str:
