@@ -96,7 +96,7 @@ def by(patient, scenario, integrator=None):
 )
 def test_the_fast_integrator_is_the_adaptive_one(patient, exercise):
     fast, truth = (by(patient, day(exercise=exercise), of) for of in (None, Adaptive(1e-11)))
-    plain = by(patient, day(rhythms=(), exercise=()))
+    plain = by(patient, day(rhythms=(), exercise=(), start_min=None, rhythm_seed=0, rhythm_person=0))
     difference = np.abs(np.asarray(fast.fine_glucose_mg_dl) - truth.fine_glucose_mg_dl)
     assert difference.max() < 0.01
     assert np.max(np.abs(np.asarray(truth.fine_glucose_mg_dl) - plain.fine_glucose_mg_dl)) > 20.0

@@ -23,8 +23,11 @@ from glucoloop.trials.engine import alone, prepare, run_people
 from glucoloop.trials.people_run import simulate_people
 from glucoloop.trials.trial import Trial
 
-# The scenario is one for controllers of all kinds, of whom some hear of no meal.
-pytestmark = pytest.mark.filterwarnings("ignore:announced has no effect")
+# The scenario is one for controllers of all kinds, of whom some hear of no meal and know no time of day.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:announced has no effect"),
+    pytest.mark.filterwarnings("ignore:start_min has no effect"),
+]
 
 PID = design_pid(PIDTuning(0.5, 150.0))
 MEALS = (Meal(30.0, -80.0), Meal(50.0, 35.0, announced_g=40.0, announced_min=55.0))

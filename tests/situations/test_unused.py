@@ -1,6 +1,7 @@
 """What was given and changes nothing is told: each option of a situation changes numbers, or there is a note."""
 
 import contextlib
+import dataclasses
 import importlib
 import warnings
 
@@ -9,17 +10,28 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
+from glucoloop.cli.option import options_of
 from glucoloop.cli.request import notes_without_effect
 from glucoloop.component.effects import OF_CONTROLLERS, NoEffectWarning
 from glucoloop.control import guarded
 from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.control.guard_settings import GUARDS
 from glucoloop.control.protocol import uses_of
+from glucoloop.estimation.unknown_meal.protocol import ESTIMATORS
+from glucoloop.faults.fault import FAULTS
+from glucoloop.meals.habits import HABITS
+from glucoloop.meals.rescue import RESCUES
+from glucoloop.meals.settings import MEAL_MODELS
+from glucoloop.physiology import RHYTHMS
+from glucoloop.pumps import PUMPS
 from glucoloop.refusal import Refusal
+from glucoloop.sensors import SENSORS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.unused import without_effect
 from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.closed_loop import close_the_loop
+from glucoloop.tuning.samplers import SAMPLERS
 from requests_read import asked
 
 NOTED = [
@@ -69,6 +81,51 @@ NOTED = [
     (("bound", "--undershoot-weight", "3"), "--undershoot-weight has no effect: squares are minimised for"),
     (("bound", "--patient", "hovorka-2004", "--profile-by", "titration"), "--profile-by has no effect: nothing doses"),
     (("identify", "--patient", "hovorka-2004", "--profile-by", "titration"), "--profile-by has no effect: nothing"),
+    (
+        ("run", "--patient", "hovorka-2004", "--controller", "basal-bolus, carb_ratio_g_U=9"),
+        "carb_ratio_g_U of the controller basal-bolus has no effect: meals are not announced.",
+    ),
+    (
+        ("run", "--patient", "hovorka-2004", "--controller", "pid-ifb, meal_bolus=0.5"),
+        "meal_bolus of the controller pid-ifb has no effect: meals are not announced.",
+    ),
+    (("run", "--controller", "mpc, floor_weight=2"), "floor_weight of the controller mpc has no effect: glucose_floor"),
+    (
+        ("run", "--controller", "meal-mpc, caution_weight=0, caution_mg_dl=3"),
+        "caution_mg_dl of the controller meal-mpc has no effect: caution_weight is 0.",
+    ),
+    (("run", "--controller", "oref0, enable_smb_with_cob=true"), "enable_smb_with_cob of the controller oref0 has no"),
+    (("run", "--controller", "oref0, enable_smb_after_carbs=true"), "enable_smb_after_carbs of the controller oref0"),
+    (
+        ("run", "--controller", "oref0, enable_smb_high_bg=true"),
+        "enable_smb_high_bg of the controller oref0 has no effect: enable_smb_always is on.",
+    ),
+    (
+        ("run", "--controller", "oref0, enable_smb_always=false, enable_smb_high_bg_target_mg_dl=150"),
+        "enable_smb_high_bg_target_mg_dl of the controller oref0 has no effect: enable_smb_high_bg is off.",
+    ),
+    *(
+        (
+            ("run", "--controller", f"oref0, enable_smb_always=false, {name}={value}"),
+            f"{name} of the controller oref0 has no effect: no microboluses are enabled.",
+        )
+        for name, value in {
+            "max_smb_basal_min": 60,
+            "max_uam_smb_basal_min": 60,
+            "smb_interval_min": 5,
+            "bolus_increment_U": 0.05,
+            "max_delta_bg_threshold": 0.3,
+        }.items()
+    ),
+    (
+        ("run", "--pump", "min_bolus_U=0.5"),
+        "min_bolus_U of the pump limited has no effect: the controller mpc does not",
+    ),
+    (("run", "--pump", "bolus_step_U=0.5"), "bolus_step_U of the pump limited has no effect: the controller mpc does"),
+    *(
+        (("robust", "--noise", "0", option, "7"), f"{option} has no effect: nothing is drawn at random in a run of the")
+        for option in ("--seeds", "--first-seed", "--check-seeds", "--check-first-seed")
+    ),
     (("hil", "--baud", "9600"), "--baud has no effect: the chip is at no serial port."),
     (("hil", "--fallback", "suspend"), "--fallback has no effect: the chip always answers"),
     (("hil", "--announce-meals"), "--announce-meals has no effect: the controller mpc"),
@@ -88,6 +145,16 @@ EFFECTIVE = [
     ("hil", "--seed", "3", "--outages", "2", "--fallback", "suspend"),
     ("stress", "--controller", "basal"),
     ("bound", "--noise", "1.45", "--dead-time", "5"),
+    (*("run", "--patient", "hovorka-2004", "--announce-meals", "--controller", "basal-bolus, carb_ratio_g_U=9"),),
+    (*("run", "--patient", "hovorka-2004", "--announce-meals", "--controller", "pid-ifb, meal_bolus=0.5"),),
+    ("run", "--controller", "mpc, floor_weight=2, glucose_floor_mg_dl=70"),
+    ("run", "--controller", "meal-mpc, caution_mg_dl=3"),
+    (
+        *("run", "--patient", "hovorka-2004", "--controller"),
+        "oref0, enable_smb_always=false, enable_smb_high_bg=true, enable_smb_high_bg_target_mg_dl=150, "
+        "bolus_increment_U=0.05, max_smb_basal_min=60",
+    ),
+    ("robust", "--seeds", "3", "--check-seeds", "3"),
 ]
 
 
@@ -167,6 +234,121 @@ def test_a_controller_that_does_not_say_what_it_uses_is_not_doubted(patient_81, 
         warnings.simplefilter("error")
         gl.simulate(patient_81, own, scenario=gl.Scenario([gl.Meal(50.0, 10.0)], 30.0, announced=True))
     assert jnp.isfinite(own.rates_mU_min).all()
+
+
+GIVEN_IN_A_SCENARIO = [
+    ({"announced": True, "meals": ()}, "announced has no effect: there is no meal"),
+    ({"announced_before_min": 10.0}, "announced_before_min has no effect: meals are not announced"),
+    ({"meal_model": "hovorka", "meals": ()}, "meal_model has no effect: there is no meal"),
+    ({"start_min": 0.0}, "start_min has no effect: the controller OpenLoop does not use the time of day"),
+    ({"rhythm_seed": 3}, "rhythm_seed has no effect: the patient has no rhythms"),
+    ({"rhythm_person": 3}, "rhythm_person has no effect: the patient has no rhythms"),
+]
+ALWAYS_IN_A_SCENARIO = {
+    *("meals", "horizon_min", "setpoint_mg_dl", "initial_glucose_mg_dl", "allow_unusual"),
+    *("exercise", "rhythms", "warm_up_min", "rescue"),
+}
+"""Settings of a scenario that have an effect in any run, or are refused."""
+
+
+def test_every_setting_of_a_scenario_has_an_effect_or_is_told_to_have_none(patient_81):
+    told = {next(iter(settings)) for settings, _ in GIVEN_IN_A_SCENARIO}
+    assert told | ALWAYS_IN_A_SCENARIO == {field.name for field in dataclasses.fields(gl.Scenario)}
+    for settings, note in GIVEN_IN_A_SCENARIO:
+        with pytest.warns(NoEffectWarning, match=note) as warned:
+            gl.simulate(patient_81, gl.design_open_loop(), scenario=gl.Scenario(**settings))
+        assert [warning.filename for warning in warned] == [__file__], settings
+
+
+def test_what_a_patient_a_rhythm_or_a_controller_uses_is_not_noted(patient_81, script):
+    rhythm = gl.rhythm("dawn")
+    hovorka = gl.patient("hovorka-2004")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scenario = gl.Scenario(
+            horizon_min=30.0,
+            rhythms=[rhythm],
+            rhythm_seed=3,
+            rhythm_person=2,
+            start_min=60.0,
+            meal_model="hovorka",
+            meals=[gl.Meal(50.0, 5.0)],
+        )
+        gl.simulate(hovorka, gl.design_open_loop(hovorka.basal_insulin_mU_min), scenario=scenario)
+        told = gl.Scenario([gl.Meal(50.0, 20.0)], 30.0, announced=True, announced_before_min=10.0, start_min=60.0)
+        gl.simulate(patient_81, script([20.0, 25.0]), scenario=told)
+        gl.Stepper(hovorka, rhythms=[rhythm], rhythm_seed=3)
+    with pytest.warns(NoEffectWarning, match="rhythm_seed has no effect: the patient has no rhythms") as warned:
+        gl.Stepper(hovorka, rhythm_seed=3)
+    assert [warning.filename for warning in warned] == [__file__]
+
+
+ALWAYS_OF_STUDIES = {
+    "situation": """patient setpoint_mg_dl rescue rhythm sensor pump faults warm_up_min metrics sample_time_min
+        allow_unusual controller guard model days duration_min meals habits exercise scenario
+        initial_glucose_mg_dl integrator""",
+    "people": "people population first_person traces precision arithmetic shard_people",
+    "compare, bound": "bound known_after_min in_advance objective",
+    "league": "families scenarios sensors controllers reference worse_by_pct bound_people seed",
+    "searches": """ranges seeds top guards loops person nonsense sample_times_min precisions errors_pct hold_min
+        stuck_times generations sequences search_seed starts estimators threshold estimates_by""",
+    "hil": "form chip real_time power_cuts hangs damaged lost doubled late outages",
+    "records and twins": """files most_days basal_U_h weight_kg held_out_days twin draws carry periods labels
+        file_names reader dates glucose_unit time_zone columns file_units device person_column scans goals""",
+    "identify": """amplitude_mU_min samples data method max_gap_min basal_insulin_mU_min not_from_rest memory
+        laguerre_pole best_pole laguerre_functions""",
+    "forecast": "methods horizons_min",
+    "robust": "people_seed check_people check_people_seed objectives at_most beside sampler batch rounds prefer",
+    "reproduce": "paper operating_point table figure quick",
+}
+"""Settings that have an effect in every study that has them, are refused where they have none, or answer a question of
+a file, of which its reader says what it used.
+"""
+
+
+def studies():
+    for entry in STUDIES.values():
+        module, _, attribute = entry.place.partition(":")
+        yield getattr(importlib.import_module(module), attribute)
+
+
+def catalogues():
+    return (PUMPS, SENSORS, FAULTS, HABITS, CONTROLLERS, GUARDS, MEAL_MODELS, RESCUES, RHYTHMS, ESTIMATORS, SAMPLERS)
+
+
+def test_every_option_of_a_study_needs_something_or_always_has_an_effect():
+    always = {name for names in ALWAYS_OF_STUDIES.values() for name in names.split()}
+    found = set()
+    for study in studies():
+        for name, setting in study.request.settings().items():
+            if name not in study.request.refused:
+                found.add(name)
+                assert setting.about.needs or name in always, (study.name, name)
+    assert always <= found
+
+
+def test_every_setting_with_a_need_is_noted_where_it_is_not_met():
+    told = " ".join(told for _, told in NOTED) + " --unannounced"  # of a twin, below
+    for study in studies():
+        flags = {option.key: option.flag for option in options_of(study.request)}
+        for name, setting in study.request.settings().items():
+            if setting.about.needs and name not in study.request.refused:
+                assert flags[name] in told, (study.name, name)
+    for catalogue in catalogues():
+        for component in catalogue.values():
+            for name, setting in component.settings().items():
+                assert not setting.about.needs or f"{name} of the " in told, (component.name, name)
+
+
+def test_meals_of_a_record_that_no_controller_would_hear_of(tmp_path):
+    (tmp_path / "twin.json").write_text('{"patient": "hovorka-2004"}')
+    (tmp_path / "person.toml").write_text('[[person]]\nname = "twin"\nS_IT = 50e-4\n')
+    replay = ("replay", "record.csv", "--twin", str(tmp_path), "--unannounced", "--controller")
+    [note] = notes_of(*replay, "pid")
+    assert note.startswith("--unannounced has no effect: the controller pid does not use announcements")
+    assert notes_of(*replay, "basal-bolus, insulin_on_board_min=200") == ()
+    [note] = notes_of(*replay, "basal-bolus, carb_ratio_g_U=9")
+    assert note.startswith("carb_ratio_g_U of the controller basal-bolus has no effect: meals are not announced")
 
 
 SENSED = {"sensor": ["dexcom-g6"], "sensors": ["dexcom-g6"]}

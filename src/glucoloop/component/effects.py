@@ -29,10 +29,12 @@ class Need:
 
 MEALS: Final = Need("there is no meal")
 EXERCISE: Final = Need("there is no exercise")
+RHYTHMS: Final = Need("the patient has no rhythms")
 CHANCE: Final = Need("nothing is drawn at random")
 DEAD_TIME: Final = Need("readings have no dead time")
 READINGS: Final = Need("nothing uses readings", "readings", "no effect on insulin and glucose")
 ANNOUNCEMENTS: Final = Need("nothing uses announcements of meals", "announcements of meals")
+MEALS_ANNOUNCED: Final = Need("meals are not announced")
 AHEAD: Final = Need("nothing doses before a meal is eaten", "announcements before a meal is eaten")
 TIME_OF_DAY: Final = Need("nothing goes by the time of day", "the time of day")
 PROFILE: Final = Need("nothing doses by the profile of a person", "the profile of a person")

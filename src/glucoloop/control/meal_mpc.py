@@ -32,7 +32,7 @@ from glucoloop.control.decision import (
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.meal_forecast import Ahead, MealForecast
-from glucoloop.control.part import SensorLag
+from glucoloop.control.part import CAUTION, SensorLag
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import MealTuning
 from glucoloop.estimation.unknown_meal import (
@@ -203,7 +203,8 @@ class MealMPC(MealTuning, name="meal-mpc"):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the controller meets; the time of day where meals are expected by it."""
-        return super().uses() | frozenset({TIME_OF_DAY} if self.needs_time_of_day else {_STEADY})
+        cautious = frozenset({CAUTION} if self.caution_weight else ())
+        return super().uses() | cautious | frozenset({TIME_OF_DAY} if self.needs_time_of_day else {_STEADY})
 
     @property
     def needs_time_of_day(self) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import KW_ONLY
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Final, Self
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.arguments import is_traced
@@ -20,6 +20,8 @@ from glucoloop.component.effects import (
     CHANCE,
     DOSES_BY_PROFILE,
     INDIVIDUAL,
+    MEALS,
+    MEALS_ANNOUNCED,
     PROFILE,
     READINGS,
     TIME_OF_DAY,
@@ -65,16 +67,24 @@ FittedStep = Annotated[
         quantity=FITTED_STEP,
     ),
 ]
+FLOOR: Final = Need("glucose_floor_mg_dl is 0, so that there is no floor")
+CAUTION: Final = Need("caution_weight is 0")
+FOR_MEALS: Final = (MEALS, MEALS_ANNOUNCED)
+"""Needs of a setting that is for announced meals."""
 CarbRatio = Annotated[
     float,
     About(
         "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
         at_least=0.0,
         quantity=CARB_RATIO,
+        needs=FOR_MEALS,
     ),
 ]
 MealShare = Annotated[
-    float, About("Share of the bolus for an announced meal that is given; 0: none.", at_least=0.0, at_most=2.0)
+    float,
+    About(
+        "Share of the bolus for an announced meal that is given; 0: none.", at_least=0.0, at_most=2.0, needs=FOR_MEALS
+    ),
 ]
 CorrectionFactor = Annotated[
     float,
@@ -137,7 +147,8 @@ class ControllerComponent(PytreeComponent):
     def uses(self) -> frozenset[Need]:
         """Needs that a controller with these settings meets; boluses and a design for each person are two of them."""
         boluses = frozenset({BOLUSES}) if self.gives_boluses else frozenset()
-        return self.used | boluses | (frozenset() if self.individual is None else frozenset({INDIVIDUAL}))
+        floor = frozenset({FLOOR} if getattr(self, "glucose_floor_mg_dl", 0.0) else ())
+        return self.used | boluses | floor | (frozenset() if self.individual is None else frozenset({INDIVIDUAL}))
 
     def designed(self, case: Any) -> Any:
         """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX.

@@ -15,7 +15,7 @@ from glucoloop._lazy_jax import np
 from glucoloop.component.effects import ANNOUNCEMENTS, ONLY_READINGS, READINGS
 from glucoloop.component.pytree_component import DATA, HOST, STATIC
 from glucoloop.component.setting import About, default_by_noise
-from glucoloop.control.part import ControllerComponent, SensorLag
+from glucoloop.control.part import CAUTION, FLOOR, ControllerComponent, SensorLag
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import GLUCOSE_BOUND
 
@@ -47,7 +47,7 @@ FloorGlucose = Annotated[
         quantity=GLUCOSE_BOUND,
     ),
 ]
-FloorWeight = Annotated[float, About("Weight on the violation of the floor, w.", above=0.0)]
+FloorWeight = Annotated[float, About("Weight on the violation of the floor, w.", above=0.0, needs=(FLOOR,))]
 MeasurementVariance = Annotated[float, About("Variance of a reading that the filter assumes, R.", above=0.0)]
 NoisePace = Annotated[
     float,
@@ -158,6 +158,7 @@ class MealTuning(MPCTuning):
         About(
             "Distance below the setpoint at which that counts as low without noise, in mg/dl; less with noise.",
             at_least=0.0,
+            needs=(CAUTION,),
         ),
         DATA,
     ] = 2.2

@@ -15,7 +15,17 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop._representation import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
-from glucoloop.component.effects import ANNOUNCEMENTS, warn_without_effect
+from glucoloop.component.effects import (
+    AHEAD,
+    ANNOUNCEMENTS,
+    MEALS,
+    MEALS_ANNOUNCED,
+    OF_CONTROLLERS,
+    RHYTHMS,
+    TIME_OF_DAY,
+    Need,
+    warn_without_effect,
+)
 from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses, uses_of
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.scenario import Scenario, announced_g, announced_min
@@ -354,17 +364,34 @@ def simulate(
         glucose, or it does not take the exercise or the rhythms of the scenario.
     """
     if scenario is not None:
-        warn_without_effect(scenario_without_effect(scenario, controller), stacklevel=3)
+        warn_without_effect(scenario_without_effect(scenario, controller, patient), stacklevel=3)
     return closed_loop(patient, controller, sensor, pump, scenario, key, integrator=integrator)
 
 
-def scenario_without_effect(scenario: Scenario, controller: Controller) -> Iterator[str]:
-    """Notes on what a scenario has and the controller, or the scenario itself, has no use for."""
-    uses, name = uses_of(controller), type(controller).__name__
-    if scenario.announced and not len(scenario.meals):
-        yield "announced has no effect: there is no meal."
-    elif scenario.announced and ANNOUNCEMENTS not in uses:
-        yield f"announced has no effect: the controller {name} does not use announcements of meals."
+def scenario_without_effect(scenario: Scenario, controller: Controller, patient: Patient) -> Iterator[str]:
+    """Notes on what a scenario has, and neither controller nor patient nor the scenario itself has a use for."""
+    uses = uses_of(controller) | ({MEALS} if len(scenario.meals) else frozenset())
+    uses |= {MEALS_ANNOUNCED} if scenario.announced else frozenset()
+    uses |= {TIME_OF_DAY} if scenario.rhythms or not getattr(patient, "timeless", False) else frozenset()
+    uses |= {RHYTHMS} if scenario.rhythms else frozenset()
+    uses |= {MEALS} if scenario.rescue is not None else frozenset()
+    for name, needs in _SCENARIO_NEEDS.items():
+        value, default = getattr(scenario, name), getattr(Scenario, name)
+        lacking = next((need for need in needs if need not in uses), None)
+        if lacking is not None and (value is not None if default is None else is_traced(value) or value != default):
+            of_controller = f"the controller {type(controller).__name__} does not use {lacking.noun}"
+            yield f"{name} has no effect: {of_controller if lacking in OF_CONTROLLERS else lacking.reason}."
+
+
+_SCENARIO_NEEDS: Final[dict[str, tuple[Need, ...]]] = {
+    "announced": (MEALS, ANNOUNCEMENTS),
+    "announced_before_min": (MEALS_ANNOUNCED, MEALS, ANNOUNCEMENTS, AHEAD),
+    "meal_model": (MEALS,),
+    "start_min": (TIME_OF_DAY,),
+    "rhythm_seed": (RHYTHMS,),
+    "rhythm_person": (RHYTHMS,),
+}
+"""Settings of a scenario without which it can be the same, with what each needs to have an effect."""
 
 
 def closed_loop(

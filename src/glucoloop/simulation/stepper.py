@@ -13,6 +13,7 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, random_key
+from glucoloop.component.effects import RHYTHMS, warn_without_effect
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
@@ -179,6 +180,10 @@ class Stepper:
         begins_min = ((start_min or 0.0) - warm_up_min) % MIN_PER_DAY
         self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1, start_min=begins_min)
         self._rhythms = tuple(rhythms), rhythm_seed, rhythm_person
+        if not self._rhythms[0]:
+            seeds = {"rhythm_seed": rhythm_seed, "rhythm_person": rhythm_person}
+            notes = (f"{name} has no effect: {RHYTHMS.reason}." for name, value in seeds.items() if value)
+            warn_without_effect(notes, stacklevel=3)
         self._integrator = integrator or default_integrator(patient, minute_inputs=bool(self._rhythms[0]))
         fasting = Scenario(
             (),

@@ -19,6 +19,7 @@ from glucoloop.component.effects import (
     DEAD_TIME,
     EXERCISE,
     MEALS,
+    MEALS_ANNOUNCED,
     PROFILE,
     READINGS,
     TIME_OF_DAY,
@@ -275,7 +276,8 @@ class Situation(Component):
         """Needs that the situation meets; a class that knows its meals, its controllers and its chance says less."""
         clock = {TIME_OF_DAY} if self.rhythm else set()
         late = {DEAD_TIME} if self.dead_time_min else set()
-        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late
+        announced = {MEALS_ANNOUNCED} if self.announce_meals or "announce_meals" in self.refused else set()
+        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late | announced
 
     @property
     def by_chance(self) -> bool:

@@ -106,7 +106,7 @@ def simulate_people(
         of samples, or an engine that is unknown or not possible.
     """
     if scenario is not None:
-        warn_without_effect(scenario_without_effect(scenario, controller), stacklevel=4)
+        warn_without_effect(scenario_without_effect(scenario, controller, people.patient), stacklevel=4)
     scenario = Scenario() if scenario is None else scenario
     grid = sample_grid(scenario.horizon_min, controller.sample_time_min, scenario.start_min, scenario.warm_up_min)
     setpoint = float(np.asarray(people.patient.setpoint_mg_dl).flat[0])

@@ -252,6 +252,8 @@ def _basal_mU(
         hours = length[unknown].sum() / MIN_PER_H
         if hours >= 1.0:
             notes.append(f"The record tells no basal rate for {hours:.0f} h; {instead_U_h:.2f} U/h were taken.")
+    elif instead_U_h is not None:
+        notes.append("The basal rate that was given has no effect: the record tells one at all times.")
     given = np.append(0.0, np.cumsum(rate * (ends - begins))) * MU_PER_U / MIN_PER_H
     basal: Values = np.diff(np.interp(edges, np.append(begins, edges[-1]), given))
     return basal

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
+from glucoloop.component.effects import Need
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, derived
 from glucoloop.component.setting import About
 from glucoloop.control.decision import (
@@ -37,7 +38,7 @@ from glucoloop.control.oref0.inputs import (
     treatments,
 )
 from glucoloop.control.oref0.records import DosingProfile, TempBasal, whole
-from glucoloop.control.part import CarbRatio, CorrectionFactor, OfPerson
+from glucoloop.control.part import FOR_MEALS, CarbRatio, CorrectionFactor, OfPerson
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
@@ -59,6 +60,11 @@ _BASAL_HOURS: Final = 3.0
 def _pushed(row: jax.Array, newest: jax.Array) -> jax.Array:
     """A history with a new entry at its head."""
     return jnp.concatenate([newest[None], row[:-1]])
+
+
+_AT_TIMES: Final = Need("enable_smb_always is on")
+_HIGH: Final = Need("enable_smb_high_bg is off")
+_SMB: Final = Need("no microboluses are enabled")
 
 
 @pytree
@@ -127,6 +133,7 @@ class Oref0(OfPerson, name="oref0"):
             "Share of an announced meal for which the person gives a bolus by the carbohydrate ratio; 0: no bolus.",
             at_least=0.0,
             at_most=1.0,
+            needs=FOR_MEALS,
         ),
         DATA,
     ] = 1.0
@@ -161,27 +168,49 @@ class Oref0(OfPerson, name="oref0"):
     ] = 4.0
     enable_uam: Annotated[bool, About("Whether meals that nobody announced are forecast.")] = True
     enable_smb_always: Annotated[bool, About("Whether microboluses are given at any time.")] = True
-    enable_smb_with_cob: Annotated[bool, About("Whether microboluses are given with carbohydrate on board.")] = False
-    enable_smb_after_carbs: Annotated[bool, About("Whether microboluses are given for six hours after a meal.")] = False
-    enable_smb_high_bg: Annotated[bool, About("Whether microboluses are given while glucose is high.")] = False
+    enable_smb_with_cob: Annotated[
+        bool, About("Whether microboluses are given with carbohydrate on board.", needs=(_AT_TIMES, *FOR_MEALS))
+    ] = False
+    enable_smb_after_carbs: Annotated[
+        bool, About("Whether microboluses are given for six hours after a meal.", needs=(_AT_TIMES, *FOR_MEALS))
+    ] = False
+    enable_smb_high_bg: Annotated[
+        bool, About("Whether microboluses are given while glucose is high.", needs=(_AT_TIMES,))
+    ] = False
     enable_smb_high_bg_target_mg_dl: Annotated[
-        float, About("Glucose from which enable_smb_high_bg takes it for high.", above=0.0, quantity=GLUCOSE_BOUND)
+        float,
+        About(
+            "Glucose from which enable_smb_high_bg takes it for high.",
+            above=0.0,
+            quantity=GLUCOSE_BOUND,
+            needs=(_AT_TIMES, _HIGH),
+        ),
     ] = 110.0
-    max_smb_basal_min: Annotated[float, About("Largest microbolus, in minutes of the basal rate.", above=0.0)] = 30.0
+    max_smb_basal_min: Annotated[
+        float, About("Largest microbolus, in minutes of the basal rate.", above=0.0, needs=(_SMB,))
+    ] = 30.0
     max_uam_smb_basal_min: Annotated[
         float,
         About(
             "Largest microbolus where insulin on board covers the carbohydrate, in minutes of the basal rate.",
             above=0.0,
+            needs=(_SMB,),
         ),
     ] = 30.0
     smb_interval_min: Annotated[
-        float, About("Minimum time from one bolus to a microbolus.", at_least=1.0, at_most=10.0)
+        float, About("Minimum time from one bolus to a microbolus.", at_least=1.0, at_most=10.0, needs=(_SMB,))
     ] = 3.0
-    bolus_increment_U: Annotated[float, About("Step of microboluses.", above=0.0, quantity=BOLUS_STEP)] = 0.1
+    bolus_increment_U: Annotated[
+        float, About("Step of microboluses.", above=0.0, quantity=BOLUS_STEP, needs=(_SMB,))
+    ] = 0.1
     max_delta_bg_threshold: Annotated[
         float,
-        About("Rise in 5 min, as a share of glucose, above which no microbolus is given.", above=0.0, at_most=0.3),
+        About(
+            "Rise in 5 min, as a share of glucose, above which no microbolus is given.",
+            above=0.0,
+            at_most=0.3,
+            needs=(_SMB,),
+        ),
     ] = 0.2
     min_5m_carbimpact: Annotated[
         float, About("Minimum rise of glucose by carbohydrate on board, in mg/dl per 5 min.", above=0.0)
@@ -208,6 +237,13 @@ class Oref0(OfPerson, name="oref0"):
                 f"a peak of {self.curve} insulin after {self.insulin_peak_min:g} min is not possible; "
                 f"give insulin_peak_min from {least:g} to {most:g} min, or 0"
             )
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the controller meets; microboluses where a preference enables them."""
+        at_times = frozenset(() if self.enable_smb_always else {_AT_TIMES})
+        high = frozenset({_HIGH} if self.enable_smb_high_bg else ())
+        enabled = self.enable_smb_always or self.enable_smb_with_cob or self.enable_smb_after_carbs
+        return super().uses() | at_times | high | frozenset({_SMB} if enabled or self.enable_smb_high_bg else ())
 
     def of_person(
         self,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
-from glucoloop.component.effects import ANNOUNCEMENTS
+from glucoloop.component.effects import ANNOUNCEMENTS, MEALS_ANNOUNCED, Need
 from glucoloop.component.request import Request, requested
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.component import PatientComponent
@@ -48,6 +48,10 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
     unannounced: Annotated[
         bool, _replay("Do not tell the controller of the meals of the record.", needs=(ANNOUNCEMENTS,))
     ] = False
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the replay meets; meals of the record are announced unless that is left out."""
+        return super().uses() - frozenset({MEALS_ANNOUNCED} if self.unannounced else ())
 
     @classmethod
     def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -34,6 +34,7 @@ _MAX_SUBJECTS: Final = 100_000
 _subjects = functools.partial(Option, panel="People and noise")
 _check = functools.partial(Option, panel="Check on others")
 _search = functools.partial(Option, panel="Search")
+_NOISE: Final = Need("nothing is drawn at random in a run of the nominal patient")
 _number: Final[dict[str, Any]] = {"at_least": 1, "at_most": _MAX_SUBJECTS}
 _first: Final[dict[str, Any]] = {"at_least": 0, "at_most": LARGEST_SEED - _MAX_SUBJECTS}
 _people_seed: Final[dict[str, Any]] = {"at_least": 0, "at_most": LARGEST_COUNTER}
@@ -69,12 +70,12 @@ class Search(Trial):
     )
     people: Annotated[int, _subjects("People of the population.", **_number)] = 40
     people_seed: Annotated[int, _subjects("Seed of those people.", **_people_seed)] = 424242
-    seeds: Annotated[int, _subjects("Number of noises of the nominal patient.", **_number)] = 40
-    first_seed: Annotated[int, _subjects("Seed of the first noise.", **_first)] = 900_000
+    seeds: Annotated[int, _subjects("Number of noises of the nominal patient.", **_number, needs=(_NOISE,))] = 40
+    first_seed: Annotated[int, _subjects("Seed of the first noise.", **_first, needs=(_NOISE,))] = 900_000
     check_people: Annotated[int, _check("People of the check.", **_number)] = 200
     check_people_seed: Annotated[int, _check("Seed of those people.", **_people_seed)] = 424243
-    check_seeds: Annotated[int, _check("Noises of the check.", **_number)] = 200
-    check_first_seed: Annotated[int, _check("Seed of the first noise.", **_first)] = 950_000
+    check_seeds: Annotated[int, _check("Noises of the check.", **_number, needs=(_NOISE,))] = 200
+    check_first_seed: Annotated[int, _check("Seed of the first noise.", **_first, needs=(_NOISE,))] = 950_000
     objectives: Annotated[
         tuple[str, ...],
         _search("One of the two objectives of the front; give it twice.", flag="--objective"),
@@ -121,7 +122,7 @@ class Search(Trial):
     def uses(self) -> frozenset[Need]:
         """Needs that the trial meets, by the reference controllers too."""
         beside = (CONTROLLERS.find(name)().uses() for name in self.beside)
-        return super().uses().union(*beside)
+        return super().uses().union(*beside, {_NOISE} if self.noisy or self.drawn_otherwise else ())
 
     def __post_init__(self) -> None:
         super().__post_init__()
