@@ -33,11 +33,6 @@ class Points:
         """Nothing is learned from results."""
 
 
-def main() -> None:
-    """Print the first points between 0 and 1."""
+if __name__ == "__main__":
     made = Sobol(seed=2).made(space=[Tuned("x", 0.0, 1.0, log=False)])
     print("tried: " + ", ".join(f"{point['x']:.2f}" for point in made.ask(4)))
-
-
-if __name__ == "__main__":
-    main()

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 
 import numpy as np
 import polars as pl
@@ -127,3 +129,9 @@ def test_every_method_by_default_and_the_same_again(glucoloop, record):
     assert first.out == second.out
     methods = {row["method"] for row in json.loads(first.out)["people"]}
     assert methods == {"kalman", "ridge", "loop-like", "time-of-day", "mean", "persistence"}
+
+
+def test_help_imports_no_numerical_library():
+    code = "import sys, glucoloop.studies.forecast; print({'numpy', 'polars', 'scipy', 'jax'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

@@ -53,6 +53,18 @@ def test_every_example_has_its_test():
         assert f'"{name}"' in tested, name
 
 
+@pytest.mark.parametrize(
+    "kind",
+    ["controller", "estimator", "fault", "meal_model", "metric", "pump", "reader", "rhythm", "sampler", "sensor"],
+)
+def test_a_component_of_ones_own_takes_fewer_than_40_lines(kind):
+    assert len((EXAMPLES / f"your_own_{kind}.py").read_text().splitlines()) < 40
+
+
+def test_a_patient_of_ones_own_takes_fewer_than_40_lines():
+    assert len((EXAMPLES / "bergman.py").read_text().splitlines()) < 40
+
+
 @pytest.mark.long
 def test_configuration(capsys):
     with pytest.raises(SystemExit) as left:

@@ -95,10 +95,10 @@ def test_the_filter_is_linear_in_its_signals():
 
 
 def test_the_gradient_is_that_of_central_differences():
-    from glucoloop.forecasts.kalman import _LOG_MEDIAN, _Likelihood, _linear_prior
+    from glucoloop.forecasts.kalman import _Likelihood, _linear_prior, _log_prior
 
     likelihood = _Likelihood(drawn_record(6, 1), _linear_prior(50.0, 1000.0, 0.3))
-    at = _LOG_MEDIAN + 0.1
+    at = _log_prior()[0] + 0.1
     direction = np.linspace(-1.0, 1.5, at.size)
     _, gradient = likelihood.value(at)
     ahead, behind = (likelihood.value(at + step * direction)[0] for step in (1e-3, -1e-3))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING
 
-from glucoloop._lazy_jax import scipy
-from glucoloop.forecasts.grid import Values
+from glucoloop._lazy_jax import np, scipy
+
+if TYPE_CHECKING:
+    from glucoloop.forecasts.grid import Values
 
 
 def effect_of_history(amounts: Values, curve: Values, horizon: int) -> Values:

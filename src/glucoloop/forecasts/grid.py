@@ -9,19 +9,21 @@ import dataclasses
 import datetime as dt
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-import numpy.typing as npt
-import polars as pl
-
-from glucoloop.records import DeviceRecord
+from glucoloop._lazy_jax import np
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, S_PER_MIN
 
-Values = npt.NDArray[np.float64]
-Places = npt.NDArray[np.int64]
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    import polars as pl
+
+    from glucoloop.records import DeviceRecord
+
+    Values = npt.NDArray[np.float64]
+    Places = npt.NDArray[np.int64]
 
 SAMPLE_MIN: Final = 5.0
 SAMPLES_PER_DAY: Final = round(MIN_PER_DAY / SAMPLE_MIN)
@@ -133,6 +135,8 @@ def gridded_record(record: DeviceRecord, *, most_days: int = 28) -> GriddedRecor
     Refusal
         If there is no reading.
     """
+    import polars as pl
+
     frame = record.frame
     if not frame["utc_offset_min"].null_count():
         offset = int(frame["utc_offset_min"][-1])
@@ -190,6 +194,8 @@ def _samples_of(frame: pl.DataFrame, first: dt.datetime, samples: int) -> tuple[
 
 def _summed(frame: pl.DataFrame, column: str, first: dt.datetime, samples: int) -> Values:
     """Sum of an amount in each sample."""
+    import polars as pl
+
     rows = frame.filter(pl.col(column) > 0.0)
     at, inside = _samples_of(rows, first, samples)
     result = np.zeros(samples)
@@ -199,6 +205,8 @@ def _summed(frame: pl.DataFrame, column: str, first: dt.datetime, samples: int) 
 
 def _boluses_of(frame: pl.DataFrame, first: dt.datetime, carbs_g: Values, *, automated: bool) -> tuple[Values, Values]:
     """Insulin of each sample by boluses of the user and by those of automation [U], each over its time."""
+    import polars as pl
+
     boluses = frame.filter(pl.col("bolus_U") > 0.0)
     begins_min, dose_U = _minutes(boluses, first), boluses["bolus_U"].to_numpy()
     over_min = boluses["bolus_min"].fill_null(0.0).to_numpy()
@@ -220,6 +228,8 @@ def _boluses_of(frame: pl.DataFrame, first: dt.datetime, carbs_g: Values, *, aut
 
 def _basal_of(frame: pl.DataFrame, first: dt.datetime, days: int, notes: list[str]) -> tuple[Values, float]:
     """Basal and long-acting insulin of each sample [U], and the part of the time with a rate off its schedule [%]."""
+    import polars as pl
+
     edges = SAMPLE_MIN * np.arange(days * SAMPLES_PER_DAY + 1)
     rates = frame.filter(pl.col("basal_U_h").is_not_null()).unique("time", keep="last", maintain_order=True)
     basal, off_schedule_pct = np.zeros(edges.size - 1), 0.0

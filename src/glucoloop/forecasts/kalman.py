@@ -28,13 +28,11 @@ A. C. Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
-import numpy as np
-
-from glucoloop._lazy_jax import scipy
+from glucoloop._lazy_jax import np, scipy
 from glucoloop.component.setting import About
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, Places, Values
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY
 from glucoloop.forecasts.linear_filter import (
     LinearSystem,
     discretised,
@@ -46,8 +44,11 @@ from glucoloop.forecasts.linear_filter import (
 from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, origins_of
 from glucoloop.forecasts.usual_day import DosesAndMeals, UsualDay, usual_day
 
+if TYPE_CHECKING:
+    from glucoloop.forecasts.grid import GriddedRecord, Places, Values
+
 _HORIZONS_MIN: Final = (30, 60, 120, 180, 240)
-_TYPICAL_ERROR_MG_DL: Final = np.array([20.0, 30.0, 38.0, 40.0, 41.0])
+_TYPICAL_ERROR_MG_DL: Final = (20.0, 30.0, 38.0, 40.0, 41.0)
 """Errors at these horizons by which the forecasts of least squares are weighted."""
 _FORECASTS_PER_DAY: Final = 8.0
 """Number of independent forecasts of a day that the likelihood counts for each horizon."""
@@ -86,8 +87,11 @@ _PRIORS: Final = {
 }
 """Time constants ``tau_G, tau_I, tau_C, tau_A, tau_D`` [min]; standard deviations of the drift, of `w_2` over a square
 root of a minute, and of `v`, in units of that of `w_1` [mg/dl]."""
-_LOG_MEDIAN: Final = np.log([prior.median for prior in _PRIORS.values()])
-_LOG_SD: Final = np.array([prior.log_sd for prior in _PRIORS.values()])
+
+
+def _log_prior() -> tuple[Values, Values]:
+    """Mean and standard deviation ``(8,)`` of the logarithms of the parameters."""
+    return np.log([prior.median for prior in _PRIORS.values()]), np.array([prior.log_sd for prior in _PRIORS.values()])
 
 
 def unexplained_system(parameters: Values) -> LinearSystem:
@@ -198,11 +202,12 @@ class _Likelihood:
 
     def __init__(self, training: GriddedRecord, prior: _LinearPrior) -> None:
         self._training, self._prior = training, prior
+        self._log_median, self._log_sd = _log_prior()
         self._future = usual_day(training).future(training, known=True)
         self._readable = np.isfinite(training.reading_mg_dl)
         self._readings = np.where(self._readable, training.reading_mg_dl, 0.0)
         origins = origins_of(training, _WARM_UP)
-        self._cases = list[tuple[int, float, Places]]()
+        self._cases: list[tuple[int, float, Places]] = []
         for horizon_min, typical in zip(_HORIZONS_MIN, _TYPICAL_ERROR_MG_DL, strict=True):
             horizon = round(horizon_min / SAMPLE_MIN)
             inside = origins[origins + horizon < self._readable.size]
@@ -248,7 +253,7 @@ class _Likelihood:
             coefficients = self.coefficients(of_system)
             squares = [np.mean((e[:, 0] - e[:, 1:] @ coefficients) ** 2) for e in of_system]
             linear = (coefficients - self._prior.mean) / self._prior.sd
-            nonlinear = (point - _LOG_MEDIAN) / _LOG_SD
+            nonlinear = (point - self._log_median) / self._log_sd
             values[place] = 0.5 * (
                 count * np.log(np.add(squares, _ROUNDING_VARIANCE)).sum() + linear @ linear + nonlinear @ nonlinear
             )
@@ -256,9 +261,14 @@ class _Likelihood:
 
     def maximum(self) -> Values:
         """Most likely parameters ``(8,)``, within three standard deviations of the prior."""
-        bounds = list(zip(_LOG_MEDIAN - 3.0 * _LOG_SD, _LOG_MEDIAN + 3.0 * _LOG_SD, strict=True))
+        start, reach = self._log_median, 3.0 * self._log_sd
         result = scipy.optimize.minimize(
-            self.value, _LOG_MEDIAN, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 25, "ftol": 1e-5}
+            self.value,
+            start,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=list(zip(start - reach, start + reach, strict=True)),
+            options={"maxiter": 25, "ftol": 1e-5},
         )
         parameters: Values = np.exp(result.x)
         return parameters
@@ -334,6 +344,6 @@ class Kalman(ForecastMethod, name="kalman"):
         """Filter with the most likely parameters, and its band not yet scaled."""
         prior = _linear_prior(training.total_daily_dose_U, self.insulin_rule, self.insulin_spread)
         likelihood = _Likelihood(training, prior)
-        parameters = likelihood.maximum() if self.individual else np.exp(_LOG_MEDIAN)
+        parameters = likelihood.maximum() if self.individual else np.exp(_log_prior()[0])
         errors = [of_horizon[:, 0] for of_horizon in likelihood.errors(parameters[None])]
         return FittedKalman(parameters, likelihood.coefficients(errors), usual_day(training))

@@ -15,12 +15,12 @@ C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE Tra
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
+from glucoloop._lazy_jax import np, scipy
 
-from glucoloop._lazy_jax import scipy
-from glucoloop.forecasts.grid import Values
+if TYPE_CHECKING:
+    from glucoloop.forecasts.grid import Values
 
 
 class LinearSystem(NamedTuple):

@@ -9,19 +9,19 @@ and 450, over the total daily dose, or fitted.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
-import numpy as np
-
-from glucoloop._lazy_jax import jnp
+from glucoloop._lazy_jax import jnp, np
 from glucoloop.component.setting import About
-from glucoloop.control.loop_like import part_absorbed
 from glucoloop.forecasts.effects import effect_of_future, effect_of_history
-from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord, Places, Values
+from glucoloop.forecasts.grid import SAMPLE_MIN
 from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
 from glucoloop.forecasts.usual_day import UsualDay, usual_day
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import INSULINS, insulin_left
+
+if TYPE_CHECKING:
+    from glucoloop.forecasts.grid import GriddedRecord, Places, Values
 
 _CORRECTION_RULE: Final = 1700.0
 _CARB_RULE: Final = 450.0
@@ -65,6 +65,8 @@ def _effects(
 
 def _curves() -> tuple[Values, Values]:
     """Part of a bolus that has acted and part of a meal that is absorbed, at whole samples after it."""
+    from glucoloop.control.loop_like import part_absorbed
+
     insulin = INSULINS["rapid-adult"]
     t_min = SAMPLE_MIN * np.arange(np.ceil((insulin.action_min + insulin.delay_min) / SAMPLE_MIN) + 1)
     left = insulin_left(t_min - insulin.delay_min, insulin.action_min, insulin.peak_min)

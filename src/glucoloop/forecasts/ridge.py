@@ -12,15 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
-import numpy as np
-
+from glucoloop._lazy_jax import np
 from glucoloop.component.setting import About
 from glucoloop.forecasts.effects import effect_of_future, effect_of_history
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, Places, Values
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY
 from glucoloop.forecasts.method import ANCHORS, ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
 from glucoloop.forecasts.usual_day import UsualDay, usual_day
+
+if TYPE_CHECKING:
+    from glucoloop.forecasts.grid import GriddedRecord, Places, Values
 
 _LAGS: Final = (0, 1, 2, 3, 4, 6, 9, 12, 18, 24, 36)
 """Ages of the readings that are used [samples of 5 min]."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, Places, Values
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY
 from glucoloop.forecasts.method import Predictor, origins_of
 from glucoloop.units import MIN_PER_DAY
+
+if TYPE_CHECKING:
+    from glucoloop.forecasts.grid import GriddedRecord, Places, Values
 
 DAY: Final = "day"
 """Name of the horizon of all readings of a day, forecast at the midnight with which it begins."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
+from glucoloop._lazy_jax import np
+from glucoloop.forecasts.grid import SAMPLE_MIN
 
-from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord, Values
+if TYPE_CHECKING:
+    from glucoloop.forecasts.grid import GriddedRecord, Values
 
 _WINDOW_MIN = 120.0
 """Time over which means by time of day are smoothed."""

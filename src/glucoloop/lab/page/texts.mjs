@@ -144,7 +144,7 @@ const english = {
     {
       title: "A bolus before the meal",
       hash: "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce_meals=true&announce_before_min=15&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
-      text: "Pump therapy: a constant basal rate, and a bolus by the carbohydrate ratio of the person, here 15 min before eating. Glucose rises to 194 mg/dl; with the bolus as eating begins (dashed) to 214. Move the bolus by the minutes under Meals: announced 0 min before eating and 20 min late, glucose rises to 240 mg/dl. If the controller is not told at all, it corrects high readings alone, and glucose rises to 290. Now choose profile-mpc: it is told that the meal is eaten in 15 min, and glucose rises to 172 mg/dl. Announced 0 min before eating and 15 min early, the meal is to its model one that is eaten at once, which the readings then do not show: 180.",
+      text: "Pump therapy: a constant basal rate, and a bolus by the carbohydrate ratio of the person, here 15 min before eating. Glucose rises to 194 mg/dl; with the bolus as eating begins (dashed) to 214. Move the bolus by the minutes under Meals: announced 0 min before eating and 20 min late, glucose rises to 240 mg/dl. If the controller is not told at all, it corrects high readings alone, and glucose rises to 290. Now choose profile-mpc: it is told that the meal is eaten in 15 min, and glucose rises to 172 mg/dl. Announced 0 min before eating and 15 min early, the meal is to its model one that is eaten at once, which the readings then do not show: 181.",
       beside: { name: "Bolus as eating begins", hash: "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce_meals=true&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
     },
     {
