@@ -270,7 +270,10 @@ def sentences(config: ForecastRequest, results: Results) -> Iterator[str]:
         if rows:
             what = "on the day from midnight" if horizon == DAY else f"at {horizon}"
             others = ", ".join(f"{row['method']} {_difference_text(row)}" for row in rows)
-            yield f"Error {what} less that of {first}, with the interval of 95 % over {unit}: {others}."
+            yield (
+                f"Difference of the error {what} from that of {first}, above 0 where {first} is better, with the "
+                f"interval of 95 % over {unit}: {others}."
+            )
     yield from _on_automation(plain["records"])
     yield (
         "A forecast says how well readings are foreseen, not how strongly insulin acts: what was not entered and what "
@@ -281,9 +284,9 @@ def sentences(config: ForecastRequest, results: Results) -> Iterator[str]:
 
 def _difference_text(row: dict[str, Any]) -> str:
     """A difference with its interval, and for how many people the first method is better."""
-    text = f"{row['difference_mg_dl']:.1f} mg/dl"
+    text = f"{row['difference_mg_dl']:z.1f} mg/dl"
     if row["low_mg_dl"] is not None:
-        text += f" ({row['low_mg_dl']:.1f} mg/dl to {row['high_mg_dl']:.1f} mg/dl)"
+        text += f" ({row['low_mg_dl']:z.1f} mg/dl to {row['high_mg_dl']:z.1f} mg/dl)"
     if row["people"] > 1:
         text += f" with {row['first']} better in {row['first_better_people']} of {row['people']}"
     return text
