@@ -264,13 +264,23 @@ def _members(protocol: type) -> list[str]:
 
 def _lacking(value: object, protocol: type) -> list[str]:
     """Members of a protocol that an object lacks; a class lacks the members of its instances."""
-    return [name for name in _members(protocol) if isinstance(value, type) or not _has(value, name)]
+    return [name for name in _members(protocol) if isinstance(value, type) or not _has(value, name, protocol)]
 
 
-def _has(value: object, name: str) -> bool:
-    with contextlib.suppress(Exception):
-        return getattr(value, name, None) is not None  # a component that nobody has made yet has None there
-    return True  # somebody else's property that fails is there
+def _has(value: object, name: str, protocol: type) -> bool:
+    try:
+        # a component that nobody has made yet has None there
+        return getattr(value, name) is not None or _may_be_none(protocol, name)
+    except AttributeError:
+        return False
+    except Exception:
+        return True  # somebody else's property that fails is there
+
+
+def _may_be_none(protocol: type, name: str) -> bool:
+    getter = getattr(inspect.getattr_static(protocol, name, None), "fget", None)
+    annotation = getter.__annotations__.get("return", "") if getter else protocol.__annotations__.get(name, "")
+    return "None" in str(annotation)
 
 
 def _is_whole(value: object) -> bool:
