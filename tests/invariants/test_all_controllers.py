@@ -219,7 +219,8 @@ def test_a_cohort_is_each_one_alone(controller, alone):
     together = jax.vmap(lambda key: loop(controller, key))(keys)
     for i, one in enumerate(alone):
         for name in ("insulin_mU_min", "fine_glucose_mg_dl", "reading_mg_dl", "states"):
-            np.testing.assert_allclose(getattr(together, name)[i], getattr(one, name), rtol=1e-12, atol=1e-12)
+            # sums in another order, whose rounding the loop carries through all samples
+            np.testing.assert_allclose(getattr(together, name)[i], getattr(one, name), rtol=1e-10, atol=1e-10)
         np.testing.assert_array_equal(together.status[i], one.status)
 
 

@@ -161,7 +161,7 @@ def stepper_of(situation: Situation, seed: int) -> Stepper:
         meal_model=situation.gut,
         start_min=situation.start_min,
         rhythms=situation.rhythms,
-        rhythm_seed=seed,
+        rhythm_seed=seed if situation.rhythms else 0,
         announced_in_min=situation.announce_before_min or None,
     )
 
