@@ -243,10 +243,10 @@ def _figures_of(results: PointResults, names: Collection[str]) -> dict[str, Figu
         )
     traces = {run: loops.example for run, loops in results.runs.items()}
     own = {name: name for name, _ in traces if name not in PAPER_CONTROLLERS}
-    names = {**PAPER_CONTROLLERS, **own}
+    labels = {**PAPER_CONTROLLERS, **own}
     loops_of = {
-        "figure-4": {text: traces[name, "0"] for name, text in names.items() if (name, "0") in traces},
-        "figure-5": {text: traces[name, NOISE_FREE] for name, text in names.items() if (name, NOISE_FREE) in traces},
+        "figure-4": {text: traces[name, "0"] for name, text in labels.items() if (name, "0") in traces},
+        "figure-5": {text: traces[name, NOISE_FREE] for name, text in labels.items() if (name, NOISE_FREE) in traces},
         "figure-6": {
             f"{time} min": trace for (name, time), trace in traces.items() if name == "mpc" and time.isdigit()
         },
