@@ -71,7 +71,7 @@ async function loadFiles(session, files) {
   }
   if (page === undefined) throw new RangeError(named(".parquet") === undefined ? texts.nothingToLoad : texts.parquet);
   // Only its numbers are read; its styles would be reported as violations of the policy of this page.
-  const text = (await page.text()).replace(/<style[\s\S]*?<\/style>|\sstyle="[^"]*"/g, "");
+  const text = (await page.text()).replace(/<(?:style)\b[\s\S]*?<\/(?:style)>|\s(?:style)="[^"]*"/g, "");
   const { glucose, keys } = fromPage(new DOMParser().parseFromString(text, "text/html"));
   if (glucose.length === 0) throw new RangeError(texts.nothingToLoad);
   const show = (/** @type {number} */ place) => loadPeople(session, glucose[place], keys, place);
