@@ -30,7 +30,6 @@ class TherapyMPC(ProfileMPC, name="therapy-mpc"):
     Objective, variables and program are those of `profile-mpc`.
     """
 
-    sources = ("hovorka2004", "boiroux2018", "diehl2005", "walsh2011")
     role_of_settings: ClassVar = HOST
 
     glucose_floor_mg_dl: Annotated[
