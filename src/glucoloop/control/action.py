@@ -47,7 +47,7 @@ class _ActionState:
 
 
 class ActionComponent(PytreeComponent):
-    """What a person does or tells: a controller around another one.
+    """Declaration of an action: a controller around another one, with what the person does or tells.
 
     One that tells something has the method `tell`, and one that stops boluses `confirms`; one that gives insulin has
     `give`, and says so by `doses`.
@@ -67,7 +67,7 @@ class ActionComponent(PytreeComponent):
     @property
     def gives_boluses(self) -> bool:
         """Whether it or the inner controller gives boluses."""
-        return self.doses or (self.inner is not None and gives_boluses(self.inner))
+        return self.doses or gives_boluses(self.inner)
 
     def uses(self) -> frozenset[Need]:
         """Needs that the action meets by itself."""

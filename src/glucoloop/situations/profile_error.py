@@ -22,9 +22,13 @@ _known: Final = functools.partial(About, at_least=10.0, at_most=1000.0)
 
 
 class ProfileErrorComponent(Component):
-    """Error of the profiles that controllers have, with the members of `ProfileError`."""
+    """Error of the profiles that controllers have."""
 
     kind: ClassVar = "profile error"
+
+    def known(self, profile: Profile, seed: int, person: npt.NDArray[np.int64]) -> Profile:
+        """Profile of people ``(n,)``, or of one person, as controllers have it."""
+        raise NotImplementedError
 
 
 class ProfileError(ProfileErrorComponent, name="wrong"):
@@ -51,7 +55,7 @@ class ProfileError(ProfileErrorComponent, name="wrong"):
     ] = 0.0
 
     def known(self, profile: Profile, seed: int, person: npt.NDArray[np.int64]) -> Profile:
-        """Profile of people ``(n,)``, or of one person, as controllers have it."""
+        """Profile with wrong ratios and basal rate."""
 
         def wrong(value: Any, name: str) -> Any:
             z = scipy.special.ndtri(uniforms(seed, f"error of the {name}", person))

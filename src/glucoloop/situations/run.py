@@ -417,7 +417,8 @@ def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_d
 
 def intravenous_boluses(config: ControlledSituation) -> tuple[str, ...]:
     """`INTRAVENOUS_BOLUS` if a controller, or the person by hand, gives boluses of intravenous insulin."""
-    boluses = any(part.gives_boluses for part in (*(case.controller for case in config.cases), *config.actions))
+    boluses = any(case.controller.gives_boluses for case in config.cases)
+    boluses = boluses or any(action.doses for action in config.actions)
     return (INTRAVENOUS_BOLUS,) if boluses and not config.patient.subcutaneous else ()
 
 
