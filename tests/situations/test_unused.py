@@ -72,6 +72,7 @@ NOTED = [
     (("run", "--profile-error", "ratio_pct=50"), "ratio_pct of the profile error wrong has no effect: the controller"),
     (("run", "--profile-error", "spread_pct=9"), "spread_pct of the profile error wrong has no effect: the controller"),
     (("trial", "--patient", "hovorka-2004", "--profile-by", "titration"), "--profile-by has no effect: the controller"),
+    (("trial", "--margin", "time_70_180_pct=2"), "--margin has no effect: there is one controller alone."),
     (("trial", "--controller", "basal", "--design", "individual"), "--design has no effect: the controller basal does"),
     (("tune", "--announce-meals"), "--announce-meals has no effect: the controller mpc"),
     (("stress", "--announce-meals"), "--announce-meals has no effect: the controllers imc, mpc, mpc-se and nlqdmc-se"),
