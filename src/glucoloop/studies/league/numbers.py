@@ -157,7 +157,7 @@ DESIGN: Final = Column(
     left=True,
     short="designed\nby",
 )
-"""What a controller was designed by: the equations of the patient that it is tried on, or a profile alone."""
+"""Basis of the design of a controller: the equations of the patient that it is tried on, or a profile alone."""
 _MORE: Final = {
     "more_in_range_pct": "time_70_180_pct",
     "more_70_pct": "time_below_70_pct",
