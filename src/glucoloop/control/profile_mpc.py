@@ -27,6 +27,8 @@ from glucoloop.control.decision import (
     is_of_a_person,
     no_meals_to_come,
     rate_at_start,
+    target_mg_dl,
+    with_rescue,
 )
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.part import ByProfile, SensorLag
@@ -118,6 +120,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
 
     sources: ClassVar[tuple[str, ...]] = ("hovorka2004", "boiroux2018", "diehl2005")
     slow: ClassVar = True
+    on_equations: ClassVar = True
     role_of_settings: ClassVar = HOST
     heals: ClassVar[bool] = True
     """Whether a step leaves a finite state after any state, so that a guard need not check it."""
@@ -356,7 +359,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         carbs = observation.announced_carbs_g
         eats = (carbs > 0.0) & (carbs <= _MAX_CARBS_G)
         to_come, begins = hear(state.to_come, observation, jnp.where(eats, carbs, 0.0), self.sample_time_min)
-        estimate = self.filter.announce(estimate, begins)
+        estimate = self.filter.announce(estimate, with_rescue(begins, observation))
 
         finite = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(estimate)])
         sound = jnp.all(finite) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
@@ -364,7 +367,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         estimate = jax.tree.map(lambda present, new: jnp.where(sound, present, new), estimate, fresh.estimate)
         plan = jnp.where(jnp.all(jnp.isfinite(state.plan_mU_min)) & sound, state.plan_mU_min, fresh.plan_mU_min)
 
-        plan = self._plan(estimate, to_come, plan, observation.setpoint_mg_dl, delivered, eats)
+        plan = self._plan(estimate, to_come, plan, target_mg_dl(observation), delivered, eats)
         # An estimate may be finite and so far from any person, as after an absurd report of the pump, that no plan is.
         planned = jnp.all(jnp.isfinite(plan))
         estimate = jax.tree.map(lambda present, new: jnp.where(planned, present, new), estimate, fresh.estimate)

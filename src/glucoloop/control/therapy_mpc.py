@@ -30,6 +30,7 @@ class TherapyMPC(ProfileMPC, name="therapy-mpc"):
     Objective, variables and program are those of `profile-mpc`.
     """
 
+    on_equations: ClassVar = False
     role_of_settings: ClassVar = HOST
 
     glucose_floor_mg_dl: Annotated[
