@@ -120,6 +120,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
 
     sources = ("hovorka2004", "boiroux2018", "diehl2005")
     slow: ClassVar = True
+    on_equations: ClassVar = True
     role_of_settings: ClassVar = HOST
     heals: ClassVar[bool] = True
     """Whether a step leaves a finite state after any state, so that a guard need not check it."""

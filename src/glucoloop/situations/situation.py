@@ -138,6 +138,15 @@ Actions = Annotated[
         rare=True,
     ),
 ]
+ProfileBy = Annotated[
+    Literal["table", "titration"],
+    _patient(
+        "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
+        "titrated on each person, see the guide to populations.",
+        rare=True,
+        needs=(PROFILE,),
+    ),
+]
 WrongProfile = Annotated[
     ProfileErrorComponent | None,
     _patient(
@@ -180,15 +189,7 @@ class Situation(Component):
             "Target of the controller; the patient's own by default.", above=0.0, at_most=2000.0, quantity=SETPOINT
         ),
     ] = None
-    profile_by: Annotated[
-        Literal["table", "titration"],
-        _patient(
-            "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
-            "titrated on each person, see the guide to populations.",
-            rare=True,
-            needs=(PROFILE,),
-        ),
-    ] = "table"
+    profile_by: ProfileBy = "table"
     profile_error: WrongProfile = None
     meal_model: Annotated[
         MealModelComponent | None,
