@@ -53,6 +53,8 @@ class Day:
     lowest_mg_dl: float
     highest_mg_dl: float
     insulin_U_day: float
+    lived_days: float
+    """Days until the end, or until glucose below 10 or above 600 mg/dl ended them."""
 
 
 def _of(module: str, name: str) -> Any:
@@ -166,7 +168,8 @@ def result_of(controller: str, person: str, seed: int, days: float, options: arg
         def policy(env: Any, reading: float, info: Any) -> Any:
             return adapter.policy(env, reading, float(info["meal"]) * float(env.sample_time))
 
-    insulin = sum(lived(env, days, policy))
+    insulin = list(lived(env, days, policy))
+    lived_days = len(insulin) * float(env.sample_time) / MIN_PER_DAY
     glucose = np.asarray(env.BG_hist[1:], float)
     return Day(
         controller=controller,
@@ -176,14 +179,15 @@ def result_of(controller: str, person: str, seed: int, days: float, options: arg
         below_70_pct=100.0 * float(np.mean(glucose < 70.0)),
         lowest_mg_dl=float(glucose.min()),
         highest_mg_dl=float(glucose.max()),
-        insulin_U_day=float(insulin) / days,
+        insulin_U_day=float(sum(insulin)) / lived_days,
+        lived_days=lived_days,
     )
 
 
 def table(rows: list[Day], groups: list[str], seeds: list[int]) -> Iterator[str]:
     """Lines of a table in Markdown: mean over people of each seed, and the mean over seeds."""
-    yield "| Group | Controller | 70 to 180 % | Below 70 % | Ever below 54, of 10 | U a day | Lowest |"
-    yield "| :--- | :--- | ---: | ---: | ---: | ---: | ---: |"
+    yield "| Group | Controller | 70 to 180 % | Below 70 % | Ever below 54 | U a day | Lowest | Ended early |"
+    yield "| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: |"
     for group in groups:
         for controller in dict.fromkeys(row.controller for row in rows):
             chosen = [row for row in rows if row.controller == controller and row.person.startswith(group)]
@@ -192,10 +196,11 @@ def table(rows: list[Day], groups: list[str], seeds: list[int]) -> Iterator[str]
             below = [sum(row.lowest_mg_dl < 54.0 for row in chosen if row.seed == seed) for seed in seeds]
             numbers = [np.mean([getattr(row, name) for row in chosen]) for name in ("in_range_pct", "below_70_pct")]
             insulin = np.mean([row.insulin_U_day for row in chosen])
-            lowest = min(row.lowest_mg_dl for row in chosen)
+            lowest, most = min(row.lowest_mg_dl for row in chosen), max(row.lived_days for row in rows)
+            ended = sum(row.lived_days < most for row in chosen)
             yield (
                 f"| {group} | {controller} | {numbers[0]:.1f} | {numbers[1]:.1f} | {', '.join(map(str, below))} | "
-                f"{insulin:.1f} | {lowest:.0f} |"
+                f"{insulin:.1f} | {lowest:.0f} | {ended} |"
             )
 
 
