@@ -61,7 +61,7 @@ class Override(OverrideComponent, name="override"):
     """Another target or need of insulin for any reason."""
 
 
-class Exercise(OverrideComponent, name="exercise"):
+class ExerciseOverride(OverrideComponent, name="exercise"):
     """Exercise, with the target of 150 mg/dl that consensus names for closed loops."""
 
     sources = (
@@ -71,7 +71,7 @@ class Exercise(OverrideComponent, name="exercise"):
     target_mg_dl: float | None = 150.0
 
 
-class Illness(OverrideComponent, name="illness"):
+class IllnessOverride(OverrideComponent, name="illness"):
     """Illness, with 20 % more insulin until another number is given."""
 
     insulin_pct: float = 120.0
@@ -81,8 +81,8 @@ OVERRIDES: Final = Catalogue(
     OverrideComponent,
     {
         "override": "glucoloop.situations.override:Override",
-        "exercise": "glucoloop.situations.override:Exercise",
-        "illness": "glucoloop.situations.override:Illness",
+        "exercise": "glucoloop.situations.override:ExerciseOverride",
+        "illness": "glucoloop.situations.override:IllnessOverride",
     },
     example="exercise, from=17h, to=19h",
     unnamed=True,
