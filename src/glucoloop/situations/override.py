@@ -62,12 +62,8 @@ class Override(OverrideComponent, name="override"):
 
 
 class ExerciseOverride(OverrideComponent, name="exercise"):
-    """Exercise, with the target of 150 mg/dl that consensus names for closed loops."""
+    """Exercise, with a target of 150 mg/dl until another one is given."""
 
-    sources = (
-        "O. Moser et al., Glucose management for exercise using continuous glucose monitoring (CGM) and intermittently "
-        "scanned CGM (isCGM) systems in type 1 diabetes, Diabetologia 63, 2020, 2501-2520",
-    )
     target_mg_dl: float | None = 150.0
 
 
