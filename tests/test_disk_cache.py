@@ -172,7 +172,7 @@ tripled.__module__ = "glucoloop.tripled"
 
 def test_programs_are_found_again_by_who_sets_nothing_and_not_when_damaged(own):
     def result(x, times=2):
-        program = kept_jit(tripled, static_argnums=1)  # as in a new process
+        program = kept_jit(static_argnums=1)(tripled)  # as in a new process
         return np.asarray(program(x, times))
 
     def entries():
@@ -193,8 +193,8 @@ def test_programs_are_found_again_by_who_sets_nothing_and_not_when_damaged(own):
     np.testing.assert_allclose(result(x[:1]), expected[:1], rtol=1e-14)
     assert len(entries()) == 3
     assert (own.stat().st_mode & 0o777, own.parent.stat().st_mode & 0o777) == (0o700, 0o700)
-    jax.vmap(lambda x: kept_jit(tripled, static_argnums=1)(x, 2))(x)
-    kept_jit(tripled, static_argnums=1)(x, "ab".index("b"))
+    jax.vmap(lambda x: kept_jit(static_argnums=1)(tripled)(x, 2))(x)
+    kept_jit(static_argnums=1)(tripled)(x, "ab".index("b"))
     assert len(entries()) == 4
 
 

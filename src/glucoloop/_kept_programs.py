@@ -14,7 +14,7 @@ import functools
 import inspect
 import pickle
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, overload
 
 import jax
 import numpy as np
@@ -25,18 +25,28 @@ from glucoloop import _disk_cache
 from glucoloop._disk_cache import NoNameError
 from glucoloop.arithmetic import identity
 
-F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
+
+
+@overload
+def kept_jit(function: Callable[..., T], /) -> Callable[..., T]: ...
+
+
+@overload
+def kept_jit(
+    *, static_argnums: int | Sequence[int] = (), science: Callable[..., Any] | None = None
+) -> Callable[[Callable[..., T]], Callable[..., T]]: ...
 
 
 def kept_jit(
-    function: F | None = None, *, static_argnums: int | Sequence[int] = (), science: Callable[..., Any] | None = None
+    function: Any = None, *, static_argnums: int | Sequence[int] = (), science: Callable[..., Any] | None = None
 ) -> Any:
     """`jax.jit` of a function of a module, which keeps its programs; static arguments are given by place.
 
     `science` is the function of a module that `function`, which has no name of its own, calls.
     """
     if function is None:
-        return functools.partial(kept_jit, static_argnums=static_argnums, science=science)
+        return lambda function: functools.wraps(function)(_Program(function, static_argnums, science or function))
     return functools.wraps(function)(_Program(function, static_argnums, science or function))
 
 
