@@ -264,6 +264,18 @@ def test_every_setting_of_a_scenario_has_an_effect_or_is_told_to_have_none(patie
         assert [warning.filename for warning in warned] == [__file__], settings
 
 
+def test_a_key_where_nothing_is_drawn_is_noted(patient_81):
+    scenario = gl.Scenario(horizon_min=30.0)
+    for sensor in (None, gl.Lag(inner=gl.DeadTime())):
+        with pytest.warns(NoEffectWarning, match="key has no effect: nothing is drawn at random") as warned:
+            gl.simulate(patient_81, gl.design_open_loop(), sensor, scenario=scenario, key=1)
+        assert [warning.filename for warning in warned] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gl.simulate(patient_81, gl.design_open_loop(), scenario=scenario)
+        gl.simulate(patient_81, gl.design_open_loop(), gl.white_noise(1.45), scenario=scenario, key=1)
+
+
 def test_what_a_patient_a_rhythm_or_a_controller_uses_is_not_noted(patient_81, script):
     rhythm = gl.rhythm("dawn")
     hovorka = gl.patient("hovorka-2004")

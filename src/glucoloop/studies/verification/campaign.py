@@ -474,7 +474,7 @@ def _arm(
         "broken": dict(zip(PROMISES, (closed.broken > 0).sum(axis=1).tolist(), strict=True)),
         "repeated": again.size,
         "not_repeated": differ.tolist(),
-        "told": [
+        "examples": [
             {
                 "promise": promise,
                 "person": (number := int(person[i])),
