@@ -33,7 +33,7 @@ _ITERATIONS: Final = 30
 
 
 @pytree
-class GainAndLag:
+class _GainAndLag:
     """Identified gain and lag; people trailing."""
 
     gain: jax.Array
@@ -56,7 +56,7 @@ def identify_gain_and_lag(
     noise_variance: float = 1.45,
     gain_spread: float = GAIN_SPREAD,
     lag_spread: float = LAG_SPREAD,
-) -> GainAndLag:
+) -> _GainAndLag:
     """Gain and lag by least squares over a record, with a weak prior.
 
     The gain a and the lag b are the minimum of::
@@ -91,11 +91,11 @@ def identify_gain_and_lag(
         _fit, response=response, sample_time_min=sample_time_min, noise_variance=noise_variance, spreads=spreads
     )
     of_all = fit if insulin.ndim == 1 else jax.vmap(fit, in_axes=-1, out_axes=-1)
-    result: GainAndLag = of_all(insulin, glucose)
+    result: _GainAndLag = of_all(insulin, glucose)
     return result
 
 
-def answer(
+def _answer(
     insulin_deviation_mU_min: jax.Array,
     impulse_response: jax.Array,
     gain: jax.Array | float,
@@ -123,13 +123,13 @@ def _fit(
     sample_time_min: float,
     noise_variance: jax.Array | float,
     spreads: tuple[jax.Array | float, jax.Array | float],
-) -> GainAndLag:
+) -> _GainAndLag:
     known = jnp.isfinite(glucose)
     precision = 1.0 / jnp.square(jnp.stack(jnp.asarray(spreads)))
 
     def lacking(theta: jax.Array) -> jax.Array:
         gain, lag = jnp.exp(theta)
-        return jnp.where(known, glucose - answer(insulin, response, gain, lag, sample_time_min), 0.0)
+        return jnp.where(known, glucose - _answer(insulin, response, gain, lag, sample_time_min), 0.0)
 
     def cost(theta: jax.Array) -> jax.Array:
         return jnp.sum(lacking(theta) ** 2) / noise_variance + jnp.sum(precision * theta**2)
@@ -153,7 +153,7 @@ def _fit(
     H, _ = curvature(theta, variance)
     result = jnp.exp(theta)
     error = result * jnp.sqrt(jnp.diag(jnp.linalg.inv(H)))
-    return GainAndLag(
+    return _GainAndLag(
         gain=result[0],
         lag=result[1],
         gain_error=error[0],
