@@ -209,7 +209,7 @@ def is_preset(people: Population) -> bool:
 
 
 @dataclass(frozen=True)
-class _Draw:
+class Draw:
     """Drawn values of people."""
 
     person: npt.NDArray[np.int64]
@@ -218,12 +218,12 @@ class _Draw:
     """Value of each varied parameter, ``(n,)``, in its own unit."""
 
 
-def draw(population: Population, seed: int, person: npt.ArrayLike) -> _Draw:
+def draw(population: Population, seed: int, person: npt.ArrayLike) -> Draw:
     """Draw the varied parameters of given persons of a population; arguments and errors as for `virtual_people`."""
     people = checked_people(person)
     checked_counter("seed", seed)
     population.refuse_beyond(int(people.max(initial=-1)))
-    return _Draw(person=people, values=population.values(seed, people))
+    return Draw(person=people, values=population.values(seed, people))
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ class VirtualPeople:
 
     name: str
     """Name of the nominal patient."""
-    draw: _Draw
+    draw: Draw
     patient: Patient
     """Constants with people trailing where they vary; basal rate and setpoint ``(n,)``. All float64."""
     basal_insulin_mU_min: Values
@@ -248,7 +248,7 @@ class VirtualPeople:
         """The people at the given places, in their order; places may repeat."""
         return replace(
             self,
-            draw=_Draw(self.draw.person[place], {name: values[place] for name, values in self.draw.values.items()}),
+            draw=Draw(self.draw.person[place], {name: values[place] for name, values in self.draw.values.items()}),
             patient=of_people(self.patient, place),
             basal_insulin_mU_min=self.basal_insulin_mU_min[place],
             rest=self.rest[:, place],
@@ -326,7 +326,7 @@ def nominal_profile(name: str, nominal: Patient) -> Profile:
     return Profile(**{**rest, **known, **model.nominal_profile()})
 
 
-def _profile(population: Population, seed: int, drawn: _Draw, basal: Values, setpoint_mg_dl: float) -> Profile:
+def _profile(population: Population, seed: int, drawn: Draw, basal: Values, setpoint_mg_dl: float) -> Profile:
     """Profile ``(n,)`` of people: what their table has, and where it has nothing, how they rest and what they weigh."""
     result: dict[str, Values] = {"basal_mU_min": basal, "setpoint_mg_dl": np.full(basal.shape, setpoint_mg_dl)}
     weight = drawn.values.get(_WEIGHT, patient_entry(population.patient).nominal.get(_WEIGHT))
@@ -364,7 +364,7 @@ def _known_people(name: str, values: dict[str, jax.Array], setpoint_mg_dl: jax.A
     return rest_at(people, setpoint_mg_dl)
 
 
-def _at_rest(name: str, drawn: _Draw, setpoint_mg_dl: float) -> tuple[Values, Values]:
+def _at_rest(name: str, drawn: Draw, setpoint_mg_dl: float) -> tuple[Values, Values]:
     """Basal rates ``(n,)`` and states ``(states, n)``, found for whole chunks, the last one filled by repetition."""
     n = drawn.person.size
     parts: list[tuple[Values, Values]] = []

@@ -36,7 +36,7 @@ _Extremes = tuple[jax.Array, jax.Array, jax.Array]
 
 
 @pytree
-class _Oscillation:
+class Oscillation:
     """Number of crossings of glucose and turns of insulin of one person."""
 
     crossings: jax.Array
@@ -79,14 +79,14 @@ def _turns(values: ArrayLike, least: ArrayLike) -> jax.Array:
 
 
 @jax.jit
-def oscillation(trace: Trace) -> _Oscillation:
+def oscillation(trace: Trace) -> Oscillation:
     """Count the crossings and turns of a run of one person, and judge them by its meals."""
     insulin = jnp.concatenate([trace.basal_insulin_mU_min[None], trace.insulin_mU_min])
     least = jnp.maximum(_TURN * (insulin.max() - insulin.min()), _SMALLEST_TURN_MU_MIN)
     crossed = crossings(trace.fine_glucose_mg_dl, trace.setpoint_mg_dl)
     turned = _turns(insulin, least)
     meals = jnp.maximum((trace.carbs_g > 0.0).sum(), 1)
-    return _Oscillation(
+    return Oscillation(
         crossings=crossed,
         turns=turned,
         oscillates=(crossed > CROSSINGS_PER_MEAL * meals - 1) | (turned > TURNS_PER_MEAL * meals - 1),

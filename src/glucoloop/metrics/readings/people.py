@@ -29,7 +29,7 @@ class PeopleSpread(NamedTuple):
     greatest: float
 
 
-def _spread_of(values: Sequence[float]) -> PeopleSpread:
+def spread_of(values: Sequence[float]) -> PeopleSpread:
     """Spread of a number; a person for whom it is not finite is left out.
 
     Examples
@@ -49,4 +49,4 @@ def _spread_of(values: Sequence[float]) -> PeopleSpread:
 
 def over_people(numbers: Sequence[Mapping[str, float]]) -> dict[str, PeopleSpread]:
     """Spread of each number over people; all have the same numbers."""
-    return {name: _spread_of([of[name] for of in numbers]) for name in numbers[0]}
+    return {name: spread_of([of[name] for of in numbers]) for name in numbers[0]}
