@@ -33,7 +33,7 @@ _ITERATIONS: Final = 30
 
 
 @pytree
-class _GainAndLag:
+class GainAndLag:
     """Identified gain and lag; people trailing."""
 
     gain: jax.Array
@@ -56,7 +56,7 @@ def identify_gain_and_lag(
     noise_variance: float = 1.45,
     gain_spread: float = GAIN_SPREAD,
     lag_spread: float = LAG_SPREAD,
-) -> _GainAndLag:
+) -> GainAndLag:
     """Gain and lag by least squares over a record, with a weak prior.
 
     The gain a and the lag b are the minimum of::
@@ -91,7 +91,7 @@ def identify_gain_and_lag(
         _fit, response=response, sample_time_min=sample_time_min, noise_variance=noise_variance, spreads=spreads
     )
     of_all = fit if insulin.ndim == 1 else jax.vmap(fit, in_axes=-1, out_axes=-1)
-    result: _GainAndLag = of_all(insulin, glucose)
+    result: GainAndLag = of_all(insulin, glucose)
     return result
 
 
@@ -123,7 +123,7 @@ def _fit(
     sample_time_min: float,
     noise_variance: jax.Array | float,
     spreads: tuple[jax.Array | float, jax.Array | float],
-) -> _GainAndLag:
+) -> GainAndLag:
     known = jnp.isfinite(glucose)
     precision = 1.0 / jnp.square(jnp.stack(jnp.asarray(spreads)))
 
@@ -153,7 +153,7 @@ def _fit(
     H, _ = curvature(theta, variance)
     result = jnp.exp(theta)
     error = result * jnp.sqrt(jnp.diag(jnp.linalg.inv(H)))
-    return _GainAndLag(
+    return GainAndLag(
         gain=result[0],
         lag=result[1],
         gain_error=error[0],
