@@ -24,7 +24,7 @@ class Reward:
     of_step: RewardFunction
     termination: float = 0.0
     each_step_left: float = 0.0
-    """What is taken for each step that was left, as if the person stayed where the reward is least."""
+    """Loss for each step that was left, as if the person stayed where the reward is least."""
     bounds_mg_dl: tuple[float, float] = (10.0, 600.0)
     """Default bounds of glucose beyond which an episode is terminated."""
 
