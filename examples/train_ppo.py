@@ -18,7 +18,6 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.utils import set_random_seed
 
 import glucoloop.gym
-from glucoloop.gym.stable_baselines import StableBaselinesEnv
 
 ROUNDS = int(sys.argv[1]) if len(sys.argv) > 1 else 24
 PEOPLE, STEPS, UNSEEN = 256, 288, 500
@@ -115,7 +114,7 @@ set_random_seed(1)
 torch.set_num_threads(1)
 agent = PPO(
     "MlpPolicy",
-    StableBaselinesEnv(world(0, PEOPLE)),
+    glucoloop.gym.StableBaselinesEnv(world(0, PEOPLE)),
     n_steps=STEPS,
     batch_size=PEOPLE * STEPS // 16,
     n_epochs=6,
