@@ -141,6 +141,15 @@ Actions = Annotated[
         rare=True,
     ),
 ]
+ProfileBy = Annotated[
+    Literal["table", "titration"],
+    _patient(
+        "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
+        "titrated on each person, see the guide to populations.",
+        rare=True,
+        needs=(PROFILE,),
+    ),
+]
 WrongProfile = Annotated[
     ProfileErrorComponent | None,
     _patient(
@@ -206,7 +215,7 @@ class Situation(Component):
 
     patient: Annotated[
         PatientComponent,
-        _patient("Patient; pump, model and tuning are by default those usual for it.", default=DEFAULT_PATIENT.name),
+        _patient("Patient; pump, model and tuning are by default those of the patient.", default=DEFAULT_PATIENT.name),
     ] = by_default(DEFAULT_PATIENT)
     setpoint_mg_dl: Annotated[
         float | None,
@@ -214,15 +223,7 @@ class Situation(Component):
             "Target of the controller; the patient's own by default.", above=0.0, at_most=2000.0, quantity=SETPOINT
         ),
     ] = None
-    profile_by: Annotated[
-        Literal["table", "titration"],
-        _patient(
-            "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
-            "titrated on each person, see the guide to populations.",
-            rare=True,
-            needs=(PROFILE,),
-        ),
-    ] = "table"
+    profile_by: ProfileBy = "table"
     profile_error: WrongProfile = None
     therapy: TherapyProfile = ()
     targets: Targets = ()
@@ -262,7 +263,7 @@ class Situation(Component):
     pump: Annotated[
         PumpComponent,
         _sensor(
-            "Pump: limited, resolution or expiring, with its limits; by default those usual for the patient.",
+            "Pump: limited, resolution or expiring, with its limits; by default those of the patient.",
             default=PUMPS.default,
         ),
     ] = by_default(PUMPS[PUMPS.default])
