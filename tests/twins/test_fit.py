@@ -1,5 +1,7 @@
 """Twins of people whose parameters are known: the days held out are predicted, and the record is explained."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,27 @@ def test_with_what_is_unexplained_the_equations_give_the_record_again_at_any_sen
         assert np.sqrt(np.nanmean(error**2)) < 15.0  # the sensor's noise and its delay
         spread.append(fit.unexplained_mg_min[after].std())
     assert spread[1] < min(spread[0], spread[2])  # the right sensitivity explains most
+
+
+def test_no_forecast_sees_what_comes_later(twin):
+    record = twin.record
+    predictor = TwinPredictor.of(twin.mode, twin.training)
+    origins, horizons = np.array([5 * SAMPLES_PER_DAY + 101]), np.array([1, 48])
+    later = np.arange(record.reading_mg_dl.size) > origins[-1]
+    readings_and_automation = dataclasses.replace(
+        record,
+        reading_mg_dl=np.where(later, 333.0, record.reading_mg_dl),
+        automatic_bolus_U=np.where(later, 0.4, record.automatic_bolus_U),
+    )
+    meals_too = dataclasses.replace(
+        readings_and_automation,
+        user_bolus_U=np.where(later, 1.0, record.user_bolus_U),
+        carbs_g=np.where(later, 5.0, record.carbs_g),
+    )
+    for future_known, changed in ((True, readings_and_automation), (False, meals_too)):
+        before = predictor.forecast(record, origins, horizons, future_known=future_known)
+        after = predictor.forecast(changed, origins, horizons, future_known=future_known)
+        np.testing.assert_allclose(after.mean_mg_dl, before.mean_mg_dl, rtol=1e-9)
 
 
 def test_rises_are_counted_once(twin):

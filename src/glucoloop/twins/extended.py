@@ -88,8 +88,9 @@ NOISES: Final = {
     "drift_min": _Median(850.0, 0.7),
     "reading_sd": _Median(0.13, 1.0),
 }
-"""Time constants of `r`, ``tau_A`` and ``tau_D`` [min], and standard deviations of `w_2`, of the drift and of `v`, in units
-of that of `w_1`: but for the first, the medians of the linear filter of `forecasts.kalman`, with wider spreads."""
+"""Time constants of `r`, ``tau_A`` and ``tau_D`` [min], and standard deviations of `w_2`, of the drift and of `v`, in
+units of that of `w_1`: but for the first, the medians of the linear filter of `forecasts.kalman`, with wider
+spreads."""
 
 
 def _waves_sd() -> Values:

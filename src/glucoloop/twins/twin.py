@@ -24,6 +24,7 @@ from glucoloop.twins.extended import working_mg_dl
 from glucoloop.twins.fit import Mode, find_mode
 from glucoloop.twins.forecast import TwinPredictor
 from glucoloop.twins.prior import Prior
+from glucoloop.units import MU_PER_U
 
 Values = npt.NDArray[np.float64]
 
@@ -124,10 +125,12 @@ class Twin:
 
     @property
     def profile(self) -> dict[str, float]:
-        """Therapy by the record: dose of a day, and carbohydrate for a unit of all boluses."""
-        record = self.record
+        """Therapy by the record: mean basal rate, dose of a day, and carbohydrate for a unit of all boluses."""
+        record, carbs_g = self.record, float(self.record.carbs_g.sum())
         bolus_U = float((record.user_bolus_U + record.automatic_bolus_U).sum())
-        dose, carbs_g = {"total_daily_dose_U": record.total_daily_dose_U}, float(record.carbs_g.sum())
+        dose = {"total_daily_dose_U": record.total_daily_dose_U}
+        if record.basal_U.any():
+            dose["basal_mU_min"] = MU_PER_U / SAMPLE_MIN * float(record.basal_U.mean())
         return {**dose, "carb_ratio_g_U": carbs_g / bolus_U} if bolus_U > 0.0 and carbs_g > 0.0 else dose
 
     @property

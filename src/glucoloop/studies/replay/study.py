@@ -328,7 +328,7 @@ def _lines(results: Results) -> list[tuple[str, list[dict[str, Any]]]]:
 
 def tables(config: ReplayRequest, results: Results) -> Iterator[FittingTable]:
     """Numbers of the record, of the twin under the recorded doses, and under each controller."""
-    yield terminal_table("Therapy", [("", _lines(results))], _COLUMNS)
+    yield terminal_table("Therapy", [(results.plain["verdict"], _lines(results))], _COLUMNS)
 
 
 def sentences(config: ReplayRequest, results: Results) -> Iterator[str]:

@@ -121,7 +121,7 @@ def tables(config: TwinRequest, results: Results) -> Iterator[FittingTable]:
     rows = results.plain["parameters"]
     yield terminal_table(
         "Parameter",
-        [("", [(row["parameter"], [row]) for row in rows])],
+        [(results.plain["verdict"], [(row["parameter"], [row]) for row in rows])],
         _COLUMNS,
         caption="Width: of the interval, in percent of that of the population.",
     )
