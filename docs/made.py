@@ -10,6 +10,7 @@ NAMES = {
     "mpc-se": "MPC/SE",
     "nlqdmc-se": "NLQDMC/SE",
     "profile-mpc": "MPC by profile",
+    "therapy-mpc": "MPC by therapy settings",
     "meal-mpc": "Meal-aware MPC",
     "imc": "IMC",
     "pid": "PID",

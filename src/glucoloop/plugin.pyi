@@ -14,6 +14,7 @@ from glucoloop.component.request import by_default as by_default
 from glucoloop.component.request import completed as completed
 from glucoloop.component.setting import About as About
 from glucoloop.component.setting import Default as Default
+from glucoloop.control.action import ActionComponent as ActionComponent
 from glucoloop.control.design_case import DesignCase as DesignCase
 from glucoloop.control.part import ControllerComponent as ControllerComponent
 from glucoloop.control.protocol import Controller as Controller

@@ -31,7 +31,7 @@ def own(tmp_path, monkeypatch):
     [
         (BOUT, "the equations of parker-1999 have no exercise, so it would change nothing; leave it out, or take a"),
         (("--rhythm", "dawn"), "does not declare which of its constants are its glucose production"),
-        (("--rhythm", "noon"), "unknown rhythm 'noon'; the known ones are: visentin-2015, dawn"),
+        (("--rhythm", "noon"), "unknown rhythm 'noon'; the known ones are: visentin-2015, dawn, sensitivity"),
         (
             ("--patient", "mcgill-2020", "--exercise", "40@2h"),
             "'40@2h' is not exercise; write its intensity in percent",

@@ -70,6 +70,14 @@ def test_a_sample_holds_what_came_within_the_five_minutes_that_end_with_it():
     assert np.isfinite(grid.reading_mg_dl).sum() == 4
 
 
+def test_a_bolus_is_of_whom_the_file_says():
+    told = record([*readings(1), (600.0, "bolus_U", 3.0), (900.0, "bolus_U", 1.0)])
+    kinds = pl.when(pl.col("bolus_U") == 3.0).then(pl.lit("manual")).when(pl.col("bolus_U") == 1.0)
+    told = DeviceRecord(frame=told.frame.with_columns(bolus_type=kinds.then(pl.lit("automatic"))), rows=told.rows)
+    grid = gridded_record(told)
+    assert (grid.user_bolus_U.sum(), grid.automatic_bolus_U.sum()) == (3.0, 1.0)
+
+
 def test_a_bolus_over_a_time_is_given_over_it():
     extended = record([*readings(1), (600.0, "bolus_U", 3.0), (900.0, "bolus_U", 1.0)])
     minutes = pl.when(pl.col("bolus_U") == 3.0).then(30.0)

@@ -9,6 +9,8 @@ import pytest
 from device_files import START, clarity, every
 from record_values import rates_of
 
+AUTOMATIC = "Automatic Bolus/Correction"
+
 
 def azt1d(rows):
     names = (
@@ -32,6 +34,16 @@ def test_a_second_reading_of_a_time_does_not_take_its_bolus(read):
     record = read(azt1d([(START, "", "", "", 100), (START, "", 2.5, "", 101), (every(5, 2)[1], "", "", "", 102)]))
     assert record.frame["bolus_U"].sum() == 2.5
     assert record.frame["glucose_mg_dl"].drop_nulls().to_list() == [100.0, 102.0]
+
+
+def test_azt1d_tells_automatic_boluses(read):
+    text = azt1d([(time, 0.9, units, "", 100) for time, units in zip(every(5, 4), (2.5, 0.7, 1, ""), strict=True)])
+    rows = text.split("\n")
+    rows[1:4] = [
+        row.replace(",,,", f",,{kind},", 1) for row, kind in zip(rows[1:4], ("Standard", AUTOMATIC, "0"), strict=True)
+    ]
+    boluses = read("\n".join(rows)).frame.filter(pl.col("bolus_U").is_not_null())
+    assert boluses["bolus_type"].to_list() == ["manual", "automatic", None]
 
 
 def test_t1d_uom_of_four_files(read):

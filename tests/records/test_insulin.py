@@ -6,7 +6,7 @@ from datetime import timedelta
 import polars as pl
 import pytest
 
-from device_files import START, every, nightscout_treatments
+from device_files import START, carelink, every, nightscout_treatments, tandem
 from record_values import notes_of, profile, rates_of
 
 
@@ -148,3 +148,60 @@ def test_units_of_any_table(read, unit, rate):
     record = read(text, file_units=f"basal={unit},carbs=10g")
     assert record.frame["basal_U_h"][0] == pytest.approx(rate)
     assert record.frame["carbs_g"][0] == 20.0
+
+
+def types_of(record):
+    return record.frame.filter(pl.col("bolus_U") > 0)["bolus_type"].to_list()
+
+
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [
+        ({"eventType": "Correction Bolus", "type": "SMB", "isSMB": True}, "automatic"),
+        ({"eventType": "Correction Bolus", "automatic": True}, "automatic"),
+        ({"eventType": "SMB"}, "automatic"),
+        ({"eventType": "Correction Bolus", "type": "NORMAL", "isSMB": False}, "manual"),
+        ({"eventType": "Meal Bolus"}, "manual"),
+        ({"eventType": "Combo Bolus", "duration": 60, "enteredinsulin": 3, "splitNow": 0, "splitExt": 100}, "manual"),
+        ({"eventType": "Correction Bolus"}, None),
+    ],
+)
+def test_type_of_a_bolus_of_nightscout(read, told, expected):
+    assert set(types_of(read(nightscout_treatments((START, {"insulin": 3.0, **told}))))) == {expected}
+
+
+def test_type_of_a_bolus_of_pumps(read):
+    pump = [
+        (START + timedelta(hours=at), {"Bolus Volume Delivered": units, "Bolus Source": source})
+        for at, units, source in (
+            (1, "3", "BOLUS_WIZARD"),
+            (2, "0.6", "CLOSED_LOOP_AUTO_BOLUS"),
+            (3, "1", "CLOSED_LOOP_BG_CORRECTION"),
+            (4, "2", ""),
+        )
+    ]
+    assert types_of(read(carelink(pump, []))) == ["manual", "automatic", "manual", None]
+    lines = tandem().replace('"Bolus","Standard","120"', '"Bolus","Automatic Bolus/Correction","120"', 1)
+    assert types_of(read(lines)) == ["automatic", "manual", "manual", "manual", "manual"]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "expected"), [(("normal", "automated"), ["manual", "automatic"]), (("normal",), [None])]
+)
+def test_type_of_a_bolus_of_tidepool(read, kinds, expected):
+    items = [
+        {"type": "bolus", "subType": kind, "time": f"2024-03-13T0{at}:00:00.000Z", "normal": 1.5 + at}
+        for at, kind in enumerate(kinds)
+    ]
+    assert types_of(read(json.dumps(items))) == expected
+
+
+def test_type_of_a_bolus_of_any_table(read):
+    text = "time,bolus_U,bolus_type\n2024-03-13 08:00,1,automatic\n2024-03-13 09:00,2,Manual\n2024-03-13 10:00,3,x\n"
+    assert types_of(read(text)) == ["automatic", "manual", None]
+
+
+def test_a_bolus_that_two_apps_have_leaves_nothing_of_the_second(read):
+    twice = [(START, {"eventType": "SMB", "insulin": 1.0, "carbs": 5, "enteredBy": app}) for app in ("a", "b")]
+    frame = read(nightscout_treatments(*twice)).frame
+    assert frame["bolus_type"].drop_nulls().to_list() == ["automatic"]

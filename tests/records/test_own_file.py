@@ -26,6 +26,7 @@ def frame_of(**changed):
         "carbs_g": [None] * ROWS,
         "bolus_U": [None] * ROWS,
         "bolus_min": [None] * ROWS,
+        "bolus_type": ["automatic", "manual", *[None] * (ROWS - 2)],
         "long_acting_U": [None] * ROWS,
         "basal_U_h": [0.8, float("nan"), *[None] * (ROWS - 2)],
         "out_of_range": ["low", *[None] * (ROWS - 1)],
@@ -67,6 +68,13 @@ def test_a_record_is_read_back_as_it_was():
     record = record_from_parquet(WHOLE)
     assert record_from_parquet(record.parquet()).frame.equals(record.frame, null_equal=True)
     assert (record.rows, record.left_out, record.notes) == (ROWS + 1, ABOUT["left_out"], ("A note.",))
+
+
+@pytest.mark.parametrize("absent", [["bolus_type"], ["bolus_min", "bolus_type", "long_acting_U"]])
+def test_a_record_of_an_earlier_version_is_read(absent):
+    frame = record_from_parquet(parquet_of(frame_of().drop(absent), ABOUT)).frame
+    assert dict(frame.schema) == SCHEMA
+    assert all(frame[name].is_null().all() for name in absent)
 
 
 @pytest.mark.parametrize(
@@ -111,6 +119,7 @@ ENDS = (-(2**63), 2**63 - 1, 0, 10**18)
         {"time": pl.col("time").cast(pl.Datetime("ms"))},
         {"utc_offset_min": pl.lit(2**31 - 1, pl.Int32)},
         {"out_of_range": pl.lit("odd")},
+        {"bolus_type": pl.lit("odd")},
         {"device": pl.lit("\x1b[2J")},
         {"device": pl.lit("\x9b31m")},
         {"glucose_mg_dl": pl.lit("100")},

@@ -64,7 +64,7 @@ def record_of(trace):
     ).with_columns(
         *(
             pl.lit(None).alias(name)
-            for name in ("utc_offset_min", "bolus_min", "long_acting_U", "out_of_range", "device")
+            for name in ("utc_offset_min", "bolus_min", "bolus_type", "long_acting_U", "out_of_range", "device")
         ),
         pl.when(pl.col("carbs_g") > 0).then("carbs_g"),
         pl.when(pl.col("bolus_U") > 0).then("bolus_U"),

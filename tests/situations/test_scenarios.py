@@ -16,13 +16,14 @@ NAMES = [name for name in SCENARIOS if name != "custom"]
 OF_SCENARIO = (
     *("days", "duration_min", "meal_size_spread_pct", "meal_time_spread_min", "habits", "announce_meals"),
     *("carb_error_pct", "carb_bias_pct", "start", "warm_up_min"),
+    *("profile_error", "rhythm", "actions", "events"),
 )
 
 
 @pytest.mark.parametrize("root", [Run, Trial])
 @pytest.mark.parametrize("name", NAMES)
 def test_a_scenario_is_what_it_says_in_every_command(root, name):
-    asked = configured(root, scenario=name)
+    asked = configured(root, scenario=name, patient="hovorka-2004")
     for key in OF_SCENARIO:
         assert getattr(asked, key) == getattr(SCENARIOS[name](), key), key
     assert asked.plan.horizon_min == {"week": 10_080.0, "year": 524_160.0}.get(name, 1440.0)
@@ -101,7 +102,7 @@ def test_what_is_no_scenario_is_refused(name):
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 366), st.floats(0.0, 60.0), st.sampled_from(NAMES))
 def test_days_that_are_given_count_for_any_scenario(days, spread, name):
-    trial = configured(Trial, scenario=f"{name}, days={days}", meal_time_spread_min=spread)
+    trial = configured(Trial, patient="hovorka-2004", scenario=f"{name}, days={days}", meal_time_spread_min=spread)
     assert trial.plan.horizon_min == 1440.0 * days
     assert trial.meal_time_spread_min == spread
 

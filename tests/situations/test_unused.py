@@ -69,7 +69,10 @@ NOTED = [
         ("compare", "--controller", "mpc", "--controller", "pid", "--announce-meals"),
         "the controllers mpc and pid do not",
     ),
+    (("run", "--profile-error", "ratio_pct=50"), "ratio_pct of the profile error wrong has no effect: the controller"),
+    (("run", "--profile-error", "spread_pct=9"), "spread_pct of the profile error wrong has no effect: the controller"),
     (("trial", "--patient", "hovorka-2004", "--profile-by", "titration"), "--profile-by has no effect: the controller"),
+    (("trial", "--margin", "time_70_180_pct=2"), "--margin has no effect: there is one controller alone."),
     (("trial", "--controller", "basal", "--design", "individual"), "--design has no effect: the controller basal does"),
     (("tune", "--announce-meals"), "--announce-meals has no effect: the controller mpc"),
     (("stress", "--announce-meals"), "--announce-meals has no effect: the controllers imc, mpc, mpc-se and nlqdmc-se"),
@@ -131,6 +134,7 @@ NOTED = [
     (("hil", "--announce-meals"), "--announce-meals has no effect: the controller mpc"),
 ]
 EFFECTIVE = [
+    ("run", "--profile-error", "basal_pct=50"),
     ("run", "--announce-meals", "--controller", "meal-mpc"),
     ("run", "--announce-meals", "--announce-before", "20", "--carb-error", "9", "--controller", "basal-bolus"),
     ("run", "--no-announce-meals", "--carb-error", "0", "--pump", "max_bolus_U=25"),
@@ -284,7 +288,8 @@ def test_what_a_patient_a_rhythm_or_a_controller_uses_is_not_noted(patient_81, s
 
 
 ALWAYS_OF_STUDIES = {
-    "situation": """patient setpoint_mg_dl rescue rhythm sensor pump faults warm_up_min metrics sample_time_min
+    "situation": """patient setpoint_mg_dl profile_error rescue rhythm actions events sensor pump faults warm_up_min
+        metrics sample_time_min
         allow_unusual controller guard model days duration_min meals habits exercise scenario
         initial_glucose_mg_dl integrator""",
     "people": "people population first_person traces precision arithmetic shard_people",

@@ -304,7 +304,7 @@ def test_people_eat_against_low_glucose_and_their_grams_are_a_column():
     keys = {**SMALL, "controllers": ["basal-bolus, carb_ratio_g_U=3, label=too much", "basal-bolus"]}
     whole = {}
     for rescue in (None, "below_mg_dl=65, carbs_g=20"):
-        league = asked(**keys, **({} if rescue is None else {"rescue": rescue}))
+        league = asked(**keys, rescue="none" if rescue is None else rescue)
         search = _LeagueSearch(league)
         results = search.results_of(list(search.missing([])))
         whole[rescue] = {row["controller"]: row for row in results.rows if row["sensor"] != ALL}

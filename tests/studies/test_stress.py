@@ -9,7 +9,7 @@ import pytest
 from glucoloop.situations.situation import configured
 from glucoloop.studies.stress import STANDARD_FAULTS, StressTest
 from glucoloop.studies.stress.reasons import reason_of
-from glucoloop.studies.stress.study import _cell_table, _cells_of, _StressCell, trial_of
+from glucoloop.studies.stress.study import COLUMNS, _cell_table, _cells_of, _StressCell, trial_of
 from glucoloop.trials import engine
 from glucoloop.trials.people import PeopleRows
 from glucoloop.trials.shard import people_table
@@ -113,7 +113,7 @@ CELLS = (_StressCell("mpc", False, ""), _StressCell("mpc", False, FAULTS[0]))
 def rows_of(*shards):
     """Rows of the two cells, from the people of each in each shard."""
     labelled = [dict(zip((cell.label for cell in CELLS), shard, strict=True)) for shard in shards]
-    return _cell_table(CELLS, people_table(labelled), samples=40).to_dicts()
+    return _cell_table(CELLS, people_table(labelled), samples=40, days=1.0, columns=COLUMNS).to_dicts()
 
 
 def test_a_row_compares_each_person_with_himself_without_the_fault():

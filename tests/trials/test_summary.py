@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from glucoloop.metrics.catalogue import default_results
 from glucoloop.metrics.control_variability import grid_counts
@@ -63,6 +64,12 @@ def summary(cases):
     return summarise_people(dealt(cases, 700), max_insulin_mU_min=66.9)
 
 
+def mean_of(values):
+    """Mean with the interval that SciPy finds."""
+    low, high = stats.ttest_1samp(values, 0.0).confidence_interval()
+    return {"mean": values.mean(), "low": low, "high": high}
+
+
 def controllers(summary):
     return summary.plain["controllers"]
 
@@ -72,10 +79,12 @@ def test_metrics_are_those_of_all_people(cases, summary):
         for name, values in people.metrics.items():
             feasible, told = values[people.feasible], controllers(summary)[label]["metrics"][name]
             if name in YES_OR_NO:
-                assert told == {"people": feasible.sum(), "share_pct": pytest.approx(100.0 * feasible.mean())}
+                assert told["people"] == feasible.sum()
+                assert told["low"] < (share := told["share_pct"]) < told["high"]
+                assert share == pytest.approx(100.0 * feasible.mean())
                 continue
             expected = {
-                "mean": feasible.mean(), "sd": feasible.std(ddof=1), "min": feasible.min(), "max": feasible.max(),
+                **mean_of(feasible), "sd": feasible.std(ddof=1), "min": feasible.min(), "max": feasible.max(),
                 **{f"p{p}": np.percentile(feasible, p) for p in (1, 5, 25, 75, 95, 99)}, "median": np.median(feasible),
             }  # fmt: skip
             assert told == pytest.approx(expected, rel=1e-12)
@@ -91,7 +100,7 @@ def test_a_metric_that_some_people_do_not_have_is_summarised_over_those_who_have
     having = first_low[np.isfinite(first_low)]
     assert told["first_low_min"] == pytest.approx(
         {
-            "mean": having.mean(), "sd": having.std(ddof=1), "min": having.min(), "max": having.max(),
+            **mean_of(having), "sd": having.std(ddof=1), "min": having.min(), "max": having.max(),
             **{f"p{p}": np.percentile(having, p) for p in (1, 5, 25, 75, 95, 99)}, "median": np.median(having),
             "people": having.size,
         },
@@ -142,10 +151,9 @@ def test_low_glucose_grid_and_distributions_count_people(cases, summary):
     people = cases["mpc"]
     case, minimum = controllers(summary)["mpc"], people.metrics["minimum_mg_dl"][people.feasible]
     for limit in (70, 60, 54):
-        assert case["ever_below"][f"{limit}_mg_dl"] == {
-            "people": (minimum < limit).sum(),
-            "share_pct": pytest.approx(100.0 * (minimum < limit).mean()),
-        }
+        share = case["ever_below"][f"{limit}_mg_dl"]
+        assert share["people"] == (minimum < limit).sum()
+        assert share["share_pct"] == pytest.approx(100.0 * (minimum < limit).mean())
     of_grid = grid_counts(minimum, people.metrics["peak_mg_dl"][people.feasible])
     np.testing.assert_array_equal(summary.cvga_counts["mpc"], of_grid)
     assert set(summary.distributions["mpc"]) == set(DISTRIBUTIONS)
@@ -165,6 +173,10 @@ def test_dealing_changes_rounding_alone(cases, summary, size):
         for name, values in told["controllers"][label]["metrics"].items():
             assert other["controllers"][label]["metrics"].pop(name) == pytest.approx(values, rel=1e-12)
         told["controllers"][label]["metrics"] = {}
+    paired = [plain["differences"]["controllers"]["pid"].pop("metrics") for plain in (told, other)]
+    assert paired[0].keys() == paired[1].keys()
+    for name, values in paired[0].items():
+        assert paired[1][name] == pytest.approx(values, rel=1e-9, abs=1e-12)
     assert other == told
 
 
@@ -194,3 +206,23 @@ def test_nobody_feasible():
     assert np.isnan(controllers(told)["mpc"]["metrics"]["gri"]["median"])
     with pytest.raises(ValueError, match="nobody to summarise"):
         summarise_people(lambda: [], max_insulin_mU_min=66.9)
+
+
+def test_differences_are_paired_and_of_the_people_known_in_both_cases(cases, summary):
+    first, second = cases.values()
+    differences = summary.plain["differences"]
+    assert (differences["reference"], differences["controllers"].keys()) == ("mpc", {"pid"})
+    of_pid = differences["controllers"]["pid"]
+    assert of_pid["people"] == first.feasible.sum()
+    for name, difference in of_pid["metrics"].items():
+        of_pairs = [case.metrics[name][first.feasible].astype(float) for case in (second, first)]
+        low, high = stats.ttest_rel(*of_pairs).confidence_interval()
+        mean = (of_pairs[0] - of_pairs[1]).mean()
+        assert [difference[key] for key in ("mean", "low", "high")] == pytest.approx([mean, low, high], rel=1e-9)
+    low = [case.metrics["minimum_mg_dl"][first.feasible] < 60.0 for case in (first, second)]
+    assert of_pid["ever_below"]["60_mg_dl"]["mean"] == pytest.approx(100.0 * (low[1].mean() - low[0].mean()))
+
+
+def test_one_case_differs_from_nothing(cases):
+    plain = summarise_people(dealt({"mpc": cases["mpc"]}, 700), max_insulin_mU_min=66.9).plain
+    assert plain["differences"]["controllers"] == {}

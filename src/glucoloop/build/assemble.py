@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy.typing as npt
 
-from glucoloop.build.designs import paced_situation, with_guard
+from glucoloop.build.designs import paced_situation, with_actions, with_guard
 from glucoloop.build.individual import individual_design
 from glucoloop.build.surroundings import Surroundings, surroundings_of
 from glucoloop.build.titration import profile_of
@@ -104,7 +104,8 @@ def own_controllers(
     def with_own_guard(people: VirtualPeople) -> Controller:
         # The guard alone is given the basal rate: what is inside was designed for each person already.
         basal = jnp.asarray(people.profile.basal_mU_min)
-        own = with_guard(designed(people), case.guard, situation.limits, basal)
+        acting = with_actions(designed(people), paced_situation(situation, case), people.profile)
+        own = with_guard(acting, case.guard, situation.limits, basal)
         return paced(own, situation.sample_time_min)
 
     return with_own_guard

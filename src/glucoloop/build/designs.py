@@ -175,7 +175,8 @@ def design_of(
         refuse_without_clock(settings)  # before a design that takes long
         controller: Controller = settings.designed(design)
         refuse_without_clock(controller)
-        guarded_one = with_guard(controller, case.guard, situation.limits)
+        acting = with_actions(controller, situation, profile)
+        guarded_one = with_guard(acting, case.guard, situation.limits)
         if isinstance(guarded_one, Guard) and profile is not None:
             guarded_one = guarded_one.limited_by(profile)
         return paced(guarded_one, loop_min)
@@ -232,6 +233,18 @@ def identified_model(
 def _pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
     """Height of the pulses of the experiment: the default one for the patient, but at most the basal rate."""
     return min(situation.patient.pulse_mU_min, basal_insulin_mU_min)
+
+
+def with_actions(controller: Controller, situation: Situation, profile: Profile | None) -> Controller:
+    """A controller with what the person does and tells in a situation, with the profile of the person or of people."""
+    for action in situation.actions:
+        controller = action.made(
+            inner=controller,
+            profile=profile,
+            sample_time_min=controller.sample_time_min,
+            warm_up_min=situation.warm_up_min,
+        )
+    return controller
 
 
 def with_guard(

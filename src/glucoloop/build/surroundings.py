@@ -83,7 +83,7 @@ def pump_of(situation: Situation) -> Pump:
 
 def surroundings_of(situation: Situation, faults: Iterable[FaultComponent] = ()) -> Surroundings:
     """Sensor and pump of a situation, wrapped in the faults of a case."""
-    limits, every = situation.limits, (*situation.faults, *faults)
+    limits, every = situation.limits, (*situation.events, *situation.faults, *faults)
     pump = pump_of(situation)
     return Surroundings(
         sensor=faulty_sensor(sensor_of(situation), every, situation.sample_time_min, situation.warm_up_min),

@@ -108,9 +108,15 @@ def _kept(key: tuple[str, ...], make: Callable[[], Any]) -> Any:
 
 
 def with_profiles(situation: Situation, people: VirtualPeople, products: str = FUSED) -> VirtualPeople:
-    """People with the profiles that the situation asks for: as they are, or titrated."""
-    if situation.profile_by == "table":
-        return people
+    """People with the profiles that the situation asks for: as they are or titrated, and wrong as far as it says."""
+    result = people if situation.profile_by == "table" else _titrated(situation, people, products)
+    if situation.profile_error is None:
+        return result
+    known = situation.profile_error.known(result.profile, situation.seed, people.draw.person)
+    return dataclasses.replace(result, profile=known)
+
+
+def _titrated(situation: Situation, people: VirtualPeople, products: str) -> VirtualPeople:
     gut = situation.meal_model
     loop = situation.patient.text, str(situation.seed), "" if gut is None else gut.text, products
     varies = tuple(sorted(people.draw.values))
@@ -129,16 +135,24 @@ def with_profiles(situation: Situation, people: VirtualPeople, products: str = F
 
 
 def profile_of(situation: Situation) -> Profile:
-    """Profile of the nominal patient, or of the one person of the situation, titrated if that is asked for."""
-    if situation.profile_by == "table":
-        return situation.profile
+    """Profile of the nominal patient, or of the one person of the situation, as controllers have it.
+
+    It is titrated if that is asked for, and wrong as that of person 0 of a trial.
+    """
+    own = situation.profile if situation.profile_by == "table" else _titrated_alone(situation)
+    if situation.profile_error is None:
+        return own
+    return of_people(situation.profile_error.known(own, situation.seed, np.zeros(1, np.int64)), 0)
+
+
+def _titrated_alone(situation: Situation) -> Profile:
     who = (
         population(NOMINAL, patient=situation.patient.display_name)
         if situation.one_person is None
         else situation.one_person
     )
     setpoint = float(situation.nominal.setpoint_mg_dl)
-    titrated = with_profiles(situation, virtual_people(who, 0, [0], setpoint_mg_dl=setpoint)).profile
+    titrated = _titrated(situation, virtual_people(who, 0, [0], setpoint_mg_dl=setpoint), FUSED).profile
     own = {name: of_people(titrated, 0).by_name()[name] for name in ("carb_ratio_g_U", "correction_mg_dl_U")}
     return dataclasses.replace(situation.profile, **own)
 

@@ -224,7 +224,7 @@ def _run_trial(study: TrialStudy, request: CommandRequest, typed: Given) -> Stud
     run = _StudyRun.of(study, request)
     module = run.module
 
-    work, trial, start = run.work("trial"), module.trial_of(run.config), time.monotonic()
+    work, trial, start = run.work("trial", study.extent), module.trial_of(run.config), time.monotonic()
     if request.output.overwrite:
         from glucoloop.trials.engine import prepare
 

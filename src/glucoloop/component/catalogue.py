@@ -28,6 +28,8 @@ HOMES: Final = {
     "pump": "glucoloop.pumps:PUMPS",
     "fault": "glucoloop.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
+    "profile error": "glucoloop.situations.profile_error:PROFILE_ERRORS",
+    "action": "glucoloop.control.action:ACTIONS",
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
     "rhythm": "glucoloop.physiology.rhythm:RHYTHMS",

@@ -57,7 +57,7 @@ def _setting(component: type[Component], setting: Setting) -> dict[str, Any]:
     defaults: dict[str, Any] = {"": setting.default.noise_free}
     if setting.is_component:
         components = setting.default.noise_free
-        components = [components] if isinstance(components, Request) else components or ()
+        components = [components] if isinstance(components, Request | Component) else components or ()
         named = [component_text(component.tree()) for component in components]
         more = f"; and {len(named) - _MAX_COMPONENTS} more" if len(named) > _MAX_COMPONENTS else ""
         defaults = {"": "; ".join(named[:_MAX_COMPONENTS]) + more} if named else {}

@@ -43,7 +43,7 @@ class WithUnit(float):
 _NUMBER: Final = re.compile(rf"(?P<number>(?a:{NUMBER})|[-+]?(?:inf|nan))\s*(?P<unit>[A-Za-z(%][A-Za-z ²^2()/]*)?")
 LARGEST: Final = 1e30
 """Largest size of a number, so that no product of a few of them overflows."""
-_MAX_NAMES: Final = 12
+_MAX_NAMES: Final = 16
 ALL_SETTINGS: Final = "--help of the command has each, and glucoloop list"
 """Text on where all settings are described."""
 _SHORTEST_WORD: Final = 4

@@ -20,7 +20,7 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.component.pytree_component import HOST, derived
 from glucoloop.component.setting import About
-from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known
+from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, target_mg_dl
 from glucoloop.control.part import CarbRatio, CorrectionFactor, OfPerson
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.unit_guess import ACTION_TIME, GLUCOSE_BOUND
@@ -122,7 +122,7 @@ class BasalBolus(OfPerson, name="basal-bolus"):
         """Include the bolus that was delivered, and decide on the next one."""
         first, second = self._absorbed(state, bolus_since(observation, state.requested_mU, self.bolus))
         known, on_board = is_known(observation), first + second
-        above = observation.glucose_mg_dl - observation.setpoint_mg_dl
+        above = observation.glucose_mg_dl - target_mg_dl(observation)
         wanted = above * (MU_PER_U / self.fall_per_U)
         # Insulin on board is taken off a correction and never off the insulin for a meal, which is not digested yet.
         correction = jnp.where(wanted > 0.0, jnp.maximum(wanted - on_board, 0.0), wanted)

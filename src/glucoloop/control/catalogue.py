@@ -14,6 +14,7 @@ CONTROLLERS: Final = Catalogue(
         "mpc-se": "glucoloop.control.mpc_se:MPCSE",
         "nlqdmc-se": "glucoloop.control.nlqdmc_se:NLQDMC",
         "profile-mpc": "glucoloop.control.profile_mpc:ProfileMPC",
+        "therapy-mpc": "glucoloop.control.therapy_mpc:TherapyMPC",
         "meal-mpc": "glucoloop.control.meal_mpc:MealMPC",
         "imc": "glucoloop.control.imc:IMC",
         "pid": "glucoloop.control.pid:PID",

@@ -17,6 +17,7 @@ from glucoloop.pumps.limits import BolusLimits, DoseLimits
 _SATURATED_MU_MIN: Final = 1e-9
 _MAX_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
+_EXERCISE_TARGET_MG_DL: Final = 150.0
 _LOWEST_MG_DL: Final = -1000.0
 """Lowest estimate of glucose that is used. A linear model goes below zero where it errs about much insulin; the error
 of one that is further off than any reading (40 to 600 mg/dl) can be high is no longer that of a model.
@@ -57,6 +58,30 @@ def announced_carbs(observation: Observation) -> jax.Array:
     """Announced carbohydrate [g], or 0 where there is none or it is impossible."""
     carbs = observation.announced_carbs_g
     return jnp.where((carbs > 0.0) & (carbs <= _MAX_CARBS_G), carbs, 0.0)
+
+
+def with_rescue(carbs_g: jax.Array, observation: Observation) -> jax.Array:
+    """Carbohydrate that begins, with what was eaten against low glucose where that is told and possible.
+
+    A model counts both alike; a bolus is for the announced carbohydrate alone.
+    """
+    rescue = observation.rescue_carbs_g
+    if rescue is None:
+        return carbs_g
+    return carbs_g + jnp.where((rescue > 0.0) & (rescue <= _MAX_CARBS_G), rescue, 0.0)
+
+
+def target_mg_dl(observation: Observation) -> jax.Array:
+    """Setpoint, or the higher target of announced exercise from its announcement to its end.
+
+    150 mg/dl is the target that D. P. Zaharieva et al., "Practical aspects and exercise safety benefits of automated
+    insulin delivery systems in type 1 diabetes", Diabetes Spectr. 36(2), 2023, 127-136, find in use before and in
+    exercise.
+    """
+    setpoint, ahead_min = observation.setpoint_mg_dl, observation.exercise_in_min
+    if ahead_min is None:
+        return setpoint
+    return jnp.where(ahead_min < jnp.inf, jnp.maximum(setpoint, _EXERCISE_TARGET_MG_DL), setpoint)
 
 
 def decide(

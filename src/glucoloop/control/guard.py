@@ -11,7 +11,7 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import PROFILE, READINGS, Need
-from glucoloop.control.decision import eaten_in_min, is_known
+from glucoloop.control.decision import eaten_in_min, is_known, with_rescue
 from glucoloop.control.design_case import check_rate
 from glucoloop.control.guard_doses import (
     MAX_BOLUS_MU,
@@ -337,6 +337,7 @@ def _clean(
 ) -> Observation:
     """An observation whose fields are all possible values."""
     carbs, time = observation.announced_carbs_g, observation.time_of_day_min
+    ahead = observation.exercise_in_min
     return Observation(
         glucose_mg_dl=readings.glucose_mg_dl,
         valid=accepted,
@@ -346,6 +347,8 @@ def _clean(
         delivered_bolus_mU=bolus_mU,
         time_of_day_min=None if time is None else jnp.where((time >= 0.0) & (time < MIN_PER_DAY), time, 0.0),
         announced_in_min=None if observation.announced_in_min is None else eaten_in_min(observation),
+        rescue_carbs_g=None if observation.rescue_carbs_g is None else with_rescue(0.0 * delivered, observation),
+        exercise_in_min=None if ahead is None else jnp.where(ahead >= 0.0, ahead, jnp.inf),
         key=observation.key,
     )
 

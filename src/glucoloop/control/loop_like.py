@@ -27,6 +27,8 @@ from glucoloop.control.decision import (
     eaten_in_min,
     is_known,
     rate_at_start,
+    target_mg_dl,
+    with_rescue,
 )
 from glucoloop.control.part import CarbRatio, CorrectionFactor, MealShare, OfPerson
 from glucoloop.control.protocol import Decision, Observation
@@ -286,7 +288,7 @@ class LoopLike(OfPerson, name="loop-like"):
         """Include what was read and delivered, and correct the forecast."""
         state = self.observed(state, observation)
         carbs_g, basal = announced_carbs(observation), jnp.asarray(self.basal_mU_min)
-        units, highest, spare = self._correction(self.forecast(state), observation.setpoint_mg_dl)
+        units, highest, spare = self._correction(self.forecast(state), target_mg_dl(observation))
         recent = state.stale_min < _RECENT_MIN
         limit_U = 2.0 * self.max_bolus_U - jnp.sum(state.acting_U, axis=0)
         for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), carbs_g / self.carbs_per_U)
@@ -337,6 +339,9 @@ class LoopLike(OfPerson, name="loop-like"):
         unexplained = jnp.where(known, counteracted - risen, 0.0)
         glucose = jnp.where(known, y, forecast)
         row = jnp.minimum(state.in_a_row + 1.0, float(self._slope_readings))
+        if observation.rescue_carbs_g is not None:
+            rescue_g = with_rescue(jnp.zeros_like(glucose), observation)
+            meals = meals.with_new(rescue_g, jnp.zeros_like(glucose))
         return _LoopLikeState(
             readings_mg_dl=jnp.concatenate([glucose[None], state.readings_mg_dl[:-1]]),
             in_a_row=jnp.where(known, row, 0.0),

@@ -19,6 +19,7 @@ class OpenLoop(ControllerComponent, name="basal"):
     """The rate at which the loop starts, without a controller; see `design_open_loop` for another one."""
 
     uses_model: ClassVar = False
+    on_equations: ClassVar = False
     individual: ClassVar = None
     used: ClassVar = frozenset()
 

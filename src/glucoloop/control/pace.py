@@ -44,6 +44,8 @@ class _PacedState:
     """Sum of the announced carbohydrate."""
     reading_mg_dl: jax.Array
     """Newest valid reading, or NaN."""
+    rescue_g: jax.Array | None = None
+    """Sum of the carbohydrate that was eaten against low glucose; None where that is not told."""
     in_min: jax.Array | None = None
     """Time from the last sample until the first announced meal was to be eaten, or infinity; None if none is told."""
 
@@ -108,6 +110,7 @@ class Paced:
             bolus_mU=jnp.zeros_like(delivered) if self.gives_boluses else None,
             carbs_g=jnp.zeros_like(observation.announced_carbs_g),
             reading_mg_dl=jnp.full_like(observation.glucose_mg_dl, jnp.nan),
+            rescue_g=None if observation.rescue_carbs_g is None else jnp.zeros_like(delivered),
             in_min=None if observation.announced_in_min is None else jnp.full_like(delivered, jnp.inf),
         )
 
@@ -135,6 +138,7 @@ class Paced:
             bolus_mU=acted(no_bolus, seen.delivered_bolus_mU),
             carbs_g=acted(jnp.zeros_like(state.carbs_g), seen.announced_carbs_g),
             reading_mg_dl=jnp.where(due | ~seen.valid, jnp.nan, seen.glucose_mg_dl),
+            rescue_g=acted(None if state.rescue_g is None else zero, seen.rescue_carbs_g),
             in_min=None if in_min is None else jnp.where(due, jnp.inf, in_min),
         )
         return state, Decision(insulin_mU_min=insulin, status=status, bolus_mU=acted(decision.bolus_mU, no_bolus))
@@ -156,6 +160,9 @@ class Paced:
         bolus = None
         if state.bolus_mU is not None and observation.delivered_bolus_mU is not None:
             bolus = state.bolus_mU + observation.delivered_bolus_mU
+        rescue = None
+        if state.rescue_g is not None and observation.rescue_carbs_g is not None:
+            rescue = state.rescue_g + observation.rescue_carbs_g
         return dataclasses.replace(
             observation,
             glucose_mg_dl=jnp.where(earlier, state.reading_mg_dl, observation.glucose_mg_dl),
@@ -164,6 +171,7 @@ class Paced:
             delivered_bolus_mU=bolus,
             announced_carbs_g=state.carbs_g + observation.announced_carbs_g,
             announced_in_min=None if in_min is None else jnp.where(jnp.isfinite(in_min), in_min, 0.0),
+            rescue_carbs_g=rescue,
         )
 
 

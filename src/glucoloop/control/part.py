@@ -112,6 +112,9 @@ class ControllerComponent(PytreeComponent):
     any_number: ClassVar = ANY_SETTING
     uses_model: ClassVar[bool] = True
     """Whether it is designed on an identified model; if not, none is identified for it."""
+    on_equations: ClassVar[bool] = True
+    """Whether it is designed on equations of the patient or a model identified from them, which nobody has of a person;
+    otherwise it knows a profile alone."""
     individual: ClassVar[str | None] = "glucoloop.build.individual:one_by_one"
     """Place ``module:function`` of the design for each person of a trial, see
     `build.individual.individual_design`; None for a controller that is the same for all people."""
@@ -164,6 +167,7 @@ class ByProfile(ControllerComponent):
     """Declaration of a controller that doses by the profile of a person and gives boluses."""
 
     uses_model: ClassVar = False
+    on_equations: ClassVar = False
     individual: ClassVar = "glucoloop.build.individual:by_profile"
     gives_boluses: ClassVar = True
     used: ClassVar = DOSES_BY_PROFILE

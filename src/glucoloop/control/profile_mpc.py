@@ -12,7 +12,7 @@ import dataclasses
 import itertools
 import math
 from dataclasses import KW_ONLY
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Self
 
 from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
@@ -27,13 +27,15 @@ from glucoloop.control.decision import (
     is_of_a_person,
     no_meals_to_come,
     rate_at_start,
+    target_mg_dl,
+    with_rescue,
 )
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.part import ByProfile, SensorLag
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.estimation.fed_filter import SAMPLE_MIN, FedEstimate, FedFilter
+from glucoloop.estimation.fed_filter import SAMPLE_MIN, FedEstimate, FedFilter, Learning
 from glucoloop.estimation.noise_level import CORRELATION
-from glucoloop.models.nonlinear import NonlinearModel
+from glucoloop.models.nonlinear import Equations
 from glucoloop.models.profiled import GutCompartments, ProfiledModel, Step, profiled_model
 from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
@@ -116,8 +118,9 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     the first along the plan of the sample before. A known dead time of the readings is not taken into account.
     """
 
-    sources = ("hovorka2004", "boiroux2018", "diehl2005")
+    sources: ClassVar[tuple[str, ...]] = ("hovorka2004", "boiroux2018", "diehl2005")
     slow: ClassVar = True
+    on_equations: ClassVar = True
     role_of_settings: ClassVar = HOST
     heals: ClassVar[bool] = True
     """Whether a step leaves a finite state after any state, so that a guard need not check it."""
@@ -223,7 +226,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     bolus: BolusLimits = wired(DATA, default=DEFAULT_BOLUS_LIMITS)
     sample_time_min: float = wired(STATIC, default=5.0)
 
-    def designed(self, case: DesignCase) -> ProfileMPC:
+    def designed(self, case: DesignCase) -> Self:
         """The controller on the equations of the patient, for a patient's profile."""
         case = case.behind_lag(self.sensor_lag_min)
         return self.of_model(
@@ -238,7 +241,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
 
     def of_model(
         self,
-        nominal: NonlinearModel,
+        nominal: Equations,
         linear: LinearModel,
         profile: Profile,
         limits: DoseLimits,
@@ -246,12 +249,12 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         *,
         nominal_weight_kg: float | None = None,
         noise_variance: float = 0.0,
-    ) -> ProfileMPC:
+    ) -> Self:
         """The controller on a model, for a person.
 
         Parameters
         ----------
-        nominal : NonlinearModel
+        nominal : Equations
             Equations of the nominal person, at steady state.
         linear : LinearModel
             The same linearised at steady state, with the appearance of a meal as its disturbance.
@@ -270,12 +273,24 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
             For a linear model without a disturbance, or a model whose glucose insulin does not lower.
         """
         gut = GutCompartments(time_to_peak_min=self.gut_min)
-        sample = nominal.sample_time_min
         model = profiled_model(nominal, linear, gut, nominal_weight_kg)
+        return self._of_profiled(model.with_profile(profile), gut, limits, bolus, noise_variance)
+
+    def _of_profiled(
+        self,
+        model: ProfiledModel,
+        gut: GutCompartments,
+        limits: DoseLimits,
+        bolus: BolusLimits,
+        noise_variance: float,
+        learning: Learning | None = None,
+    ) -> Self:
+        """The controller on a model of a person."""
+        sample = model.nominal.sample_time_min
         forecast = forecast_of(model, sample)
         minutes = np.asarray(forecast.step.minutes)
-        controller: ProfileMPC = self.made(
-            model=model.with_profile(profile),
+        controller: Self = self.made(
+            model=model,
             filter=FedFilter(
                 gut=gut,
                 step=model.step_of(sample),
@@ -290,6 +305,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
                 gut_time_error=self.gut_error_pct / 100.0,
                 start_error_mg_dl=self.start_error_mg_dl,
                 fed=model.fed_states(),
+                learning=learning,
             ),
             forecast=forecast,
             costs=OneSided(
@@ -304,7 +320,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         )
         return controller
 
-    def with_profile(self, profile: Profile) -> ProfileMPC:
+    def with_profile(self, profile: Profile) -> Self:
         """The same controller for a person, or for people, with a profile."""
         return self.replaced(model=self.model.with_profile(profile))
 
@@ -343,7 +359,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         carbs = observation.announced_carbs_g
         eats = (carbs > 0.0) & (carbs <= _MAX_CARBS_G)
         to_come, begins = hear(state.to_come, observation, jnp.where(eats, carbs, 0.0), self.sample_time_min)
-        estimate = self.filter.announce(estimate, begins)
+        estimate = self.filter.announce(estimate, with_rescue(begins, observation))
 
         finite = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(estimate)])
         sound = jnp.all(finite) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
@@ -351,7 +367,11 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         estimate = jax.tree.map(lambda present, new: jnp.where(sound, present, new), estimate, fresh.estimate)
         plan = jnp.where(jnp.all(jnp.isfinite(state.plan_mU_min)) & sound, state.plan_mU_min, fresh.plan_mU_min)
 
-        plan = self._plan(estimate, to_come, plan, observation.setpoint_mg_dl, delivered, eats)
+        plan = self._plan(estimate, to_come, plan, target_mg_dl(observation), delivered, eats)
+        # An estimate may be finite and so far from any person, as after an absurd report of the pump, that no plan is.
+        planned = jnp.all(jnp.isfinite(plan))
+        estimate = jax.tree.map(lambda present, new: jnp.where(planned, present, new), estimate, fresh.estimate)
+        sound, plan = sound & planned, jnp.where(planned, plan, fresh.plan_mU_min)
         # What the plan wants now and not later is a bolus, if the pump can give one so small.
         at_once = (plan[0] - plan[1]) * self.sample_time_min >= self.bolus.min_mU
         rate = jnp.where((eats | self.automatic_boluses) & at_once, jnp.minimum(plan[0], plan[1]), plan[0])
@@ -386,6 +406,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     def _glucose(self, estimate: FedEstimate, later_mg_min: jax.Array | None, plan: jax.Array) -> jax.Array:
         """Glucose ``(p,)`` at the ends of the steps ahead, under a plan, with the appearance of meals to come."""
         gut, fading = self.filter.gut_of(estimate), self.filter.disturbance_min
+        meal_gain = self.filter.meal_gain_of(self.model, estimate)
 
         def one(carry: Any, entry: Any) -> Any:
             x, content, disturbance = carry
@@ -393,7 +414,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
             h = step.minutes
             left = jnp.exp(-h / fading)
             appears = gut.appearance_mg_min(content, h)
-            flux = self.model.meal_gain * (appears if later is None else appears + later)
+            flux = meal_gain * (appears if later is None else appears + later)
             flux = flux + disturbance * (1.0 - left) * (fading / h)
             x = self.model.advance(x, in_block @ plan, flux, step)
             return (x, gut.after(content, h), left * disturbance), self.model.glucose_mg_dl(x)

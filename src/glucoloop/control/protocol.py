@@ -29,13 +29,19 @@ class Observation:
     announces meals; else 0.
     """
     delivered_bolus_mU: jax.Array | None = None
-    """Bolus that the pump reports since the last sample, apart from the basal rate, or None for a controller without
-    boluses. All insulin since then is ``delivered_mU_min * sample_time_min + delivered_bolus_mU``.
+    """Bolus that the pump reports since the last sample, those by hand included, apart from the basal rate, or None for
+    a controller without boluses. All insulin since then is ``delivered_mU_min * sample_time_min + delivered_bolus_mU``.
     """
     time_of_day_min: jax.Array | None = None
     """Minutes after midnight, from 0 to below 1440, or None if the controller does not get them."""
     announced_in_min: jax.Array | None = None
     """Time from this sample until the announced meal is eaten, or None where meals are announced when they begin."""
+    rescue_carbs_g: jax.Array | None = None
+    """Fast carbohydrate that was eaten against low glucose since the last sample, or None where that is not told."""
+    exercise_in_min: jax.Array | None = None
+    """Time from this sample until announced exercise begins, 0 while it lasts and infinity where none is announced; or
+    None where exercise is not told.
+    """
     number: jax.Array | None = None
     """Number of the reading in a loop that runs in real time, or None in a simulation. See `timing`."""
     read_t_min: jax.Array | None = None

@@ -12,6 +12,10 @@ since glucose that rises for longer than a meal should is then taken for the tai
 
 At the start all states of glucose are wrong by one share, as those of a person at rest at another glucose are.
 
+Where the model has states for it, the filter learns what the profile has wrong too: the drift of glucose under the
+basal rate, and the gains of insulin and of meals, as logarithms. Each has a standard deviation at the start and walks
+from day to day, and none is accepted beyond a bound.
+
 References
 ----------
 A. H. Jazwinski, Stochastic Processes and Filtering Theory, Academic Press, 1970, Sec. 8.3 (the filter).
@@ -21,17 +25,37 @@ R. Hovorka et al., Physiol. Meas. 25, 2004, 905-920 (the gut).
 from __future__ import annotations
 
 import dataclasses
-from typing import Final
+from typing import Any, Final
 
 from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.models.profiled import GutCompartments, ProfiledModel, Step
-from glucoloop.units import MG_PER_G
+from glucoloop.units import MG_PER_G, MIN_PER_DAY
 
 SAMPLE_MIN: Final = 5.0
 """Time in which the noise of the settings comes in."""
 _FASTEST: Final = -1.0
 """Minimum logarithm of the time of a gut, relative to the default one, that is accepted."""
+_MAX_LOG_GAIN: Final = 0.9
+"""Maximum size of the logarithm of a gain, a factor of 2.5: somebody's ratio and factor may be told half or twice."""
+_MAX_DRIFT: Final = 0.6
+"""Maximum size of the drift under the basal rate, relative to the effect of that: of a rate told twice it is half."""
+
+
+@pytree
+class Learning:
+    """Errors of a profile that are learned."""
+
+    basal_error: Any
+    """Relative standard deviation of the basal rate."""
+    insulin_gain_error: Any
+    """Standard deviation of the logarithm of the gain of insulin."""
+    meal_gain_error: Any
+    """The same of the gain of meals."""
+    walk: Any
+    """Standard deviation of the change of each in a day."""
+    states: tuple[int, int] = static()
+    """Numbers of the model's states for the drift of glucose under the basal rate and the log gain of insulin."""
 
 
 @pytree
@@ -49,14 +73,15 @@ class FedEstimate:
     log_gut_time: jax.Array
     """Logarithm of the time constant of the gut relative to the default one, at most 0."""
     covariance: jax.Array
-    """(m, m) covariance of the fed states, gut, disturbance, error of the sensor and log time, in this order."""
+    """(m, m) covariance of gut, disturbance, error of the sensor, log time, the fed states, and where gains are learned
+    drift, log gain of insulin and log gain of meals, in this order."""
+    log_meal_gain: jax.Array | None = None
+    """Logarithm of the gain of meals relative to the profile's; None where it is not learned."""
 
     @property
     def gut_error_mg(self) -> jax.Array:
         """Standard deviation of the content of the gut."""
-        m = self.covariance.shape[0]
-        variance = jnp.sum(self.covariance[m - 5 : m - 3, m - 5 : m - 3])
-        return jnp.sqrt(jnp.maximum(variance, 0.0))
+        return jnp.sqrt(jnp.maximum(jnp.sum(self.covariance[:2, :2]), 0.0))
 
 
 @pytree
@@ -89,44 +114,77 @@ class FedFilter:
     """Standard deviation of glucose at the start from that of the model at steady state."""
     fed: tuple[int, ...] = static()
     """Numbers of the states of the model that appearance reaches."""
+    learning: Learning | None = None
+    """Errors of the profile that are learned, or None."""
 
-    def _fed(self, x: jax.Array) -> jax.Array:
-        return jnp.stack([x[i] for i in self.fed])
+    @property
+    def _estimated(self) -> tuple[int, ...]:
+        """Numbers of the states of the model that have a covariance."""
+        return self.fed + (() if self.learning is None else self.learning.states)
 
     def _vector(self, estimate: FedEstimate) -> jax.Array:
         """Numbers that have a covariance, ``(m,)``."""
         others = (estimate.disturbance_mg_min, estimate.sensor_mg_dl, estimate.log_gut_time)
-        return jnp.concatenate([self._fed(estimate.x), estimate.gut_mg, jnp.stack(others)])
+        of_meals = () if estimate.log_meal_gain is None else (estimate.log_meal_gain,)
+        states = [estimate.x[i] for i in self._estimated]
+        return jnp.concatenate([estimate.gut_mg, jnp.stack([*others, *states, *of_meals])])
 
     def _with_vector(self, estimate: FedEstimate, v: jax.Array) -> FedEstimate:
-        r, x = len(self.fed), estimate.x
+        states, x = self._estimated, estimate.x
         return dataclasses.replace(
             estimate,
-            x=jnp.stack([v[self.fed.index(i)] if i in self.fed else x[i] for i in range(x.shape[0])]),
-            gut_mg=v[r : r + 2],
-            disturbance_mg_min=v[r + 2],
-            sensor_mg_dl=v[r + 3],
-            log_gut_time=v[r + 4],
+            x=jnp.stack([v[5 + states.index(i)] if i in states else x[i] for i in range(x.shape[0])]),
+            gut_mg=v[:2],
+            disturbance_mg_min=v[2],
+            sensor_mg_dl=v[3],
+            log_gut_time=v[4],
+            log_meal_gain=None if estimate.log_meal_gain is None else v[5 + len(states)],
         )
+
+    def _diagonal(self, of_others: tuple[Any, ...], of_learned: tuple[Any, ...]) -> jax.Array:
+        """Diagonal matrix ``(m, m)``: of gut to log time, none of the fed states, and of what is learned."""
+        values = [*of_others, *(0.0 for _ in self.fed), *(() if self.learning is None else of_learned)]
+        return jnp.diag(jnp.stack([jnp.asarray(value, float) for value in values]))
 
     def gut_of(self, estimate: FedEstimate) -> GutCompartments:
         """The person's gut."""
         return GutCompartments(time_to_peak_min=self.gut.time_to_peak_min * jnp.exp(estimate.log_gut_time))
 
+    def meal_gain_of(self, model: ProfiledModel, estimate: FedEstimate) -> jax.Array:
+        """Gain of meals in the person, relative to the nominal person's."""
+        gain, log = jnp.asarray(model.meal_gain), estimate.log_meal_gain
+        return gain if log is None else gain * jnp.exp(log)
+
+    def less_sure(self, estimate: FedEstimate, deviations: jax.Array | float) -> FedEstimate:
+        """Estimate in which insulin does more than is learned, by so many standard deviations of its gain."""
+        if self.learning is None:
+            return estimate
+        place = 5 + len(self.fed) + 1
+        error = jnp.sqrt(jnp.maximum(estimate.covariance[place, place], 0.0))
+        state = self.learning.states[1]
+        x = [value + deviations * error if i == state else value for i, value in enumerate(estimate.x)]
+        return dataclasses.replace(estimate, x=jnp.stack(x))
+
     def init(self, model: ProfiledModel) -> FedEstimate:
         """Estimate of a person at steady state with an empty gut, whose glucose is yet to be read."""
         none = jnp.zeros_like(jnp.asarray(model.basal_mU_min, float))
-        rest = jnp.asarray(model.nominal.state, float)
-        share = self._fed(rest) * (self.start_error_mg_dl / model.glucose_mg_dl(rest))
-        errors = [jnp.asarray(error, float) ** 2 for error in (self.sensor_error_mg_dl, self.gut_time_error)]
-        others = jnp.diag(jnp.concatenate([jnp.zeros(len(self.fed) + 3), jnp.stack(errors)]))
+        rest, learning = jnp.asarray(model.nominal.state, float), self.learning
+        of_glucose = rest * (self.start_error_mg_dl / model.glucose_mg_dl(rest))
+        share = jnp.stack([of_glucose[i] for i in self.fed])
+        after = 0 if learning is None else len(learning.states) + 1
+        learned: tuple[Any, ...] = ()
+        if learning is not None:
+            drift = learning.basal_error * model.basal_effect_mg_dl_min
+            learned = (drift**2, learning.insulin_gain_error**2, learning.meal_gain_error**2)
+        others = (0.0, 0.0, 0.0, self.sensor_error_mg_dl**2, self.gut_time_error**2)
         return FedEstimate(
             x=rest + none,
             gut_mg=jnp.zeros(2) + none,
             disturbance_mg_min=none,
             sensor_mg_dl=none,
             log_gut_time=none,
-            covariance=jnp.pad(jnp.outer(share, share), (0, 5)) + others + none,
+            covariance=jnp.pad(jnp.outer(share, share), (5, after)) + self._diagonal(others, learned) + none,
+            log_meal_gain=None if learning is None else none,
         )
 
     def predict(self, model: ProfiledModel, estimate: FedEstimate, insulin_mU_min: jax.Array) -> FedEstimate:
@@ -135,8 +193,8 @@ class FedFilter:
 
         def later(v: jax.Array) -> tuple[jax.Array, FedEstimate]:
             before = self._with_vector(estimate, v)
-            gut = self.gut_of(before)
-            flux = model.meal_gain * gut.appearance_mg_min(before.gut_mg, minutes) + before.disturbance_mg_min
+            gut, gain = self.gut_of(before), self.meal_gain_of(model, before)
+            flux = gain * gut.appearance_mg_min(before.gut_mg, minutes) + before.disturbance_mg_min
             after = dataclasses.replace(
                 before,
                 x=model.advance(before.x, insulin_mU_min, flux, self.step),
@@ -147,8 +205,8 @@ class FedFilter:
             return self._vector(after), after
 
         F, after = jax.jacfwd(later, has_aux=True)(self._vector(estimate))
-        r, share = len(self.fed), minutes / SAMPLE_MIN
-        of_flux = F[:r, r + 2]
+        r, share, learning = len(self.fed), minutes / SAMPLE_MIN, self.learning
+        of_flux = F[5 : 5 + r, 2]
         noise = (
             share * self.meal_noise_mg**2,
             0.0,
@@ -156,8 +214,13 @@ class FedFilter:
             (1.0 - correlation**2) * self.sensor_error_mg_dl**2,
             0.0,
         )
-        Q = jnp.pad(self.glucose_noise_mg_min**2 * jnp.outer(of_flux, of_flux), (0, 5))
-        Q = Q + jnp.diag(jnp.concatenate([jnp.zeros(r), jnp.stack([jnp.asarray(value, float) for value in noise])]))
+        walk: tuple[Any, ...] = ()
+        if learning is not None:
+            walks = learning.walk**2 * (minutes / MIN_PER_DAY)
+            walk = (walks * model.basal_effect_mg_dl_min**2, walks, walks)
+        after_fed = F.shape[0] - 5 - r
+        Q = jnp.pad(self.glucose_noise_mg_min**2 * jnp.outer(of_flux, of_flux), (5, after_fed))
+        Q = Q + self._diagonal(noise, walk)
         predicted: FedEstimate = dataclasses.replace(after, covariance=F @ estimate.covariance @ F.T + Q)
         return predicted
 
@@ -165,25 +228,36 @@ class FedFilter:
         self, model: ProfiledModel, estimate: FedEstimate, reading_mg_dl: jax.Array, known: jax.Array
     ) -> FedEstimate:
         """Estimate corrected by a reading, if it is known."""
-        C = jnp.concatenate(
-            [self._fed(jax.grad(model.reading_mg_dl)(estimate.x)), jnp.array([0.0, 0.0, 0.0, 1.0, 0.0])]
-        )
+
+        def reading(v: jax.Array) -> jax.Array:
+            seen = self._with_vector(estimate, v)
+            return model.reading_mg_dl(seen.x) + seen.sensor_mg_dl
+
+        v = self._vector(estimate)
+        predicted, C = jax.value_and_grad(reading)(v)
         seen = estimate.covariance @ C
         K = seen / (C @ seen + self.measurement_variance)
-        predicted = model.reading_mg_dl(estimate.x) + estimate.sensor_mg_dl
         correction = K * jnp.where(known, reading_mg_dl - predicted, 0.0)
-        corrected = self._with_vector(estimate, self._vector(estimate) + correction)
+        corrected = self._bounded(model, self._with_vector(estimate, v + correction))
         return dataclasses.replace(
-            corrected,
-            log_gut_time=jnp.clip(corrected.log_gut_time, _FASTEST, 0.0),
-            covariance=estimate.covariance - jnp.where(known, 1.0, 0.0) * jnp.outer(K, seen),
+            corrected, covariance=estimate.covariance - jnp.where(known, 1.0, 0.0) * jnp.outer(K, seen)
         )
+
+    def _bounded(self, model: ProfiledModel, estimate: FedEstimate) -> FedEstimate:
+        """Estimate whose learned numbers are those that are accepted."""
+        bounded = dataclasses.replace(estimate, log_gut_time=jnp.clip(estimate.log_gut_time, _FASTEST, 0.0))
+        if self.learning is None or estimate.log_meal_gain is None:
+            return bounded
+        most = dict(zip(self.learning.states, (_MAX_DRIFT * model.basal_effect_mg_dl_min, _MAX_LOG_GAIN), strict=True))
+        x = [jnp.clip(value, -most[i], most[i]) if i in most else value for i, value in enumerate(estimate.x)]
+        log_meal_gain = jnp.clip(estimate.log_meal_gain, -_MAX_LOG_GAIN, _MAX_LOG_GAIN)
+        return dataclasses.replace(bounded, x=jnp.stack(x), log_meal_gain=log_meal_gain)
 
     def announce(self, estimate: FedEstimate, carbs_g: jax.Array) -> FedEstimate:
         """Estimate with a meal that begins now."""
         m, carbs_mg = estimate.covariance.shape[0], MG_PER_G * carbs_g
         counted = np.zeros((m, m))
-        counted[m - 5, m - 5] = 1.0
+        counted[0, 0] = 1.0
         return dataclasses.replace(
             estimate,
             gut_mg=estimate.gut_mg + jnp.stack([carbs_mg, jnp.zeros_like(carbs_mg)]),

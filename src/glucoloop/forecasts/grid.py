@@ -210,15 +210,18 @@ def _boluses_of(frame: pl.DataFrame, first: dt.datetime, carbs_g: Values, *, aut
     boluses = frame.filter(pl.col("bolus_U") > 0.0)
     begins_min, dose_U = _minutes(boluses, first), boluses["bolus_U"].to_numpy()
     over_min = boluses["bolus_min"].fill_null(0.0).to_numpy()
+    types = boluses["bolus_type"].to_list()
     edges = SAMPLE_MIN * np.arange(carbs_g.size + 1)
     at, inside = _samples_of(boluses, first, carbs_g.size)
     near = round(_WITH_CARBS_MIN / SAMPLE_MIN)
     by_user, by_automation = np.zeros((2, carbs_g.size))
     sample_of = np.full(dose_U.size, -1)
     sample_of[inside] = at
-    for begin_min, dose, length_min, sample in zip(begins_min, dose_U, over_min, sample_of.tolist(), strict=True):
+    places = sample_of.tolist()
+    for begin_min, dose, length_min, sample, of_file in zip(begins_min, dose_U, over_min, places, types, strict=True):
         with_carbs = sample >= 0 and carbs_g[max(sample - near, 0) : sample + near + 1].any()
-        result = by_automation if automated and not with_carbs else by_user
+        automatic = of_file == "automatic" if of_file is not None else automated and not with_carbs
+        result = by_automation if automatic else by_user
         if length_min > 0.0:
             result += dose * np.diff(np.clip((edges - begin_min) / length_min, 0.0, 1.0))
         elif sample >= 0:

@@ -66,6 +66,7 @@ _NOT_OF_THE_AGENT: Final = {
     "metrics": "rewards and info take their place",
     "traces": "every step tells glucose and insulin",
     "shard_people": "nothing is written",
+    "actions": "the agent gives all insulin",
     "warm_up_min": "nobody doses in a warm-up",
 }
 """Settings of a trial that mean nothing here, and why."""

@@ -66,6 +66,7 @@ class RescueCarbs(RescueComponent, name="carbs"):
         Literal["reading", "glucose"],
         About("Whether the person goes by the reading of the sensor, or by true glucose, as by symptoms or a meter."),
     ] = "reading"
+    told: Annotated[bool, About("Whether the controller is told of it, at the next sample: true or false.")] = False
     digested_by_patient: bool = wired(STATIC, default=False)
 
     @property

@@ -13,8 +13,8 @@ LAG_MIN: Final = 55.0
 """Dominant lag of glucose behind insulin that is stretched, min: Parker, Doyle and Peppas (1999), Sec. III."""
 
 
-class NonlinearModel(Protocol):
-    """Internal model of a fasting person: a pytree of pure functions of a state vector ``(n,)``."""
+class Equations(Protocol):
+    """Differential equations of a fasting person: a pytree of pure functions of a state vector ``(n,)``."""
 
     @property
     def sample_time_min(self) -> float:
@@ -31,11 +31,15 @@ class NonlinearModel(Protocol):
     def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Rate of change of the state, per minute."""
 
-    def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-        """State one sample on, under a held infusion."""
-
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose of a state."""
+
+
+class NonlinearModel(Equations, Protocol):
+    """Internal model of a fasting person, sample by sample."""
+
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        """State one sample on, under a held infusion."""
 
 
 class FedModel(NonlinearModel, Protocol):
@@ -67,7 +71,7 @@ def roughly(model: FedModel) -> FedModel:
     return rougher()
 
 
-def own_reading(model: NonlinearModel) -> Callable[[jax.Array], jax.Array] | None:
+def own_reading(model: Equations) -> Callable[[jax.Array], jax.Array] | None:
     """Function from a state to the reading of a sensor without noise, or None where the sensor reads glucose.
 
     A model whose sensor reads something else has it as a method ``reading_mg_dl``.
@@ -75,7 +79,7 @@ def own_reading(model: NonlinearModel) -> Callable[[jax.Array], jax.Array] | Non
     return getattr(model, "reading_mg_dl", None)
 
 
-def reading_of(model: NonlinearModel) -> Callable[[jax.Array], jax.Array]:
+def reading_of(model: Equations) -> Callable[[jax.Array], jax.Array]:
     """Function from a state to the reading of a sensor without noise."""
     return own_reading(model) or model.glucose_mg_dl
 

@@ -46,7 +46,7 @@ from typing import Any, Final, TypeAlias
 
 from glucoloop._lazy_jax import jax, jnp, np, npt, scipy
 from glucoloop._pytree import pytree
-from glucoloop.models.nonlinear import NonlinearModel, reading_of
+from glucoloop.models.nonlinear import Equations, reading_of
 from glucoloop.models.state_space import LinearModel
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import CARB_RULE, CORRECTION_RULE, Profile
@@ -106,7 +106,7 @@ class Step:
 class ProfiledModel:
     """A person by profile; see the head of the file."""
 
-    nominal: NonlinearModel
+    nominal: Equations
     J: jax.Array
     """Jacobian of the nominal equations at steady state, ``(n, n)``."""
     E: jax.Array
@@ -124,11 +124,18 @@ class ProfiledModel:
     """g_u, gain of insulin relative to the nominal person's."""
     meal_gain: Any = 1.0
     """g_m, the same of meals."""
+    min_share: Any = 1.0
+    """Minimum numbers of a profile that are accepted, relative to the shares of the head of the file."""
 
     @property
     def correction_mg_dl_U(self) -> Any:
         """Correction factor of the person that the model believes."""
         return self.insulin_gain * self.own_correction_mg_dl_U
+
+    @property
+    def basal_effect_mg_dl_min(self) -> Any:
+        """Fall of glucose in a minute by the basal rate of the person, by the correction factor."""
+        return self.correction_mg_dl_U * self.basal_mU_min / MU_PER_U
 
     def with_profile(self, profile: Profile) -> ProfiledModel:
         """Model of the person, or of people ``(people,)``, with a profile."""
@@ -141,8 +148,12 @@ class ProfiledModel:
         # a number that is not known stays NaN
         daily_U, by_basal = profile.daily_dose_U(), self.nominal.insulin_mU_min / basal
         own_ratio, own_factor = self.own_carb_ratio_g_U * by_basal, self.own_correction_mg_dl_U * by_basal
-        ratio = jnp.maximum(ratio, jnp.fmin(_MIN_CARB_SHARE * CARB_RULE / daily_U, own_ratio))
-        factor = jnp.maximum(factor, jnp.fmin(_MIN_CORRECTION_SHARE * CORRECTION_RULE / daily_U, own_factor))
+        min_ratio, min_factor = (
+            self.min_share * share / daily_U
+            for share in (_MIN_CARB_SHARE * CARB_RULE, _MIN_CORRECTION_SHARE * CORRECTION_RULE)
+        )
+        ratio = jnp.maximum(ratio, jnp.fmin(min_ratio, own_ratio))
+        factor = jnp.maximum(factor, jnp.fmin(min_factor, own_factor))
         by_factor = factor / self.own_correction_mg_dl_U
         insulin_gain = _first_known(by_factor, by_basal, 1.0)
         by_ratio, by_weight = insulin_gain * self.own_carb_ratio_g_U / ratio, self.own_weight_kg / weight
@@ -208,7 +219,7 @@ def _first_known(*values: Any) -> jax.Array:
 
 
 def profiled_model(
-    nominal: NonlinearModel, linear: LinearModel, gut: GutCompartments, weight_kg: float | None
+    nominal: Equations, linear: LinearModel, gut: GutCompartments, weight_kg: float | None, min_share: float = 1.0
 ) -> ProfiledModel:
     """Model of the nominal person, to be given a profile.
 
@@ -222,6 +233,8 @@ def profiled_model(
         Gut with which the model's carbohydrate ratio is titrated.
     weight_kg : float, optional
         The nominal person's weight.
+    min_share : float
+        Minimum numbers of a profile that are accepted, relative to the shares of the head of the file.
 
     Raises
     ------
@@ -240,6 +253,7 @@ def profiled_model(
         own_correction_mg_dl_U=math.nan,
         own_weight_kg=math.nan if weight_kg is None else float(weight_kg),
         basal_mU_min=u,
+        min_share=min_share,
     )
     E = np.linalg.solve(model.step_of(linear.sample_time_min).first, np.asarray(linear.Psi, float))
     # What rounding alone leaves is no effect.

@@ -57,6 +57,7 @@ RHYTHMS: Final = Catalogue(
     {
         "visentin-2015": "glucoloop.physiology.visentin2015:Visentin2015",
         "dawn": "glucoloop.physiology.dawn:Dawn",
+        "sensitivity": "glucoloop.physiology.sensitivity:Sensitivity",
     },
     example="visentin-2015, pattern=hhl",
 )

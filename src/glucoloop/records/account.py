@@ -10,6 +10,8 @@ import polars as pl
 from glucoloop.text import how_many
 
 _VALUES: Final = ("glucose_mg_dl", "carbs_g", "bolus_U", "long_acting_U", "basal_U_h")
+_ABOUT: Final = {"glucose_mg_dl": ("out_of_range",), "bolus_U": ("bolus_min", "bolus_type")}
+"""Columns that tell more of a value."""
 
 
 @dataclass
@@ -43,5 +45,5 @@ class Account:
         if beside:
             self.notes.append(f"{how_many(beside, 'row')} lost a value and kept another one: {reason}.")
         frame = self.without(frame, pl.col("_gone") & bare, reason)
-        names = (name, "out_of_range") if name == "glucose_mg_dl" else (name,)
+        names = (name, *_ABOUT.get(name, ()))
         return frame.with_columns(pl.when(~pl.col("_gone")).then(one).alias(one) for one in names).drop("_gone")

@@ -82,7 +82,8 @@ def with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accoun
     frame = frame.with_columns(
         bolus_min=pl.when(
             pl.col("bolus_U").is_not_null() & pl.col("bolus_min").is_between(0.0, MIN_PER_DAY, closed="right")
-        ).then(pl.col("bolus_min").cast(pl.Float64))
+        ).then(pl.col("bolus_min").cast(pl.Float64)),
+        bolus_type=pl.when(pl.col("bolus_U").is_not_null()).then("bolus_type"),
     )
     zero = pl.any_horizontal(pl.col("_carbs") == 0, pl.col("_bolus") == 0, pl.col("_long_acting") == 0).fill_null(False)
     _tell(frame, glucose_factor, (lowest, highest), largest, account)

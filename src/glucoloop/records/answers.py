@@ -23,6 +23,7 @@ TARGETS: Final = (
     "carbs_g",
     "bolus_U",
     "bolus_min",
+    "bolus_type",
     "long_acting_U",
     "basal_U_h",
 )

@@ -15,6 +15,7 @@ from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
 from glucoloop.records.people import person_column
 from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.refusal import Refusal
 
@@ -24,6 +25,7 @@ _VALUES: Final = {
     "carbs": "carbs_g",
     "bolus": "bolus_U",
     "bolus_min": "bolus_min",
+    "bolus_type": "bolus_type",
     "long_acting": "long_acting_U",
     "basal": "basal_U_h",
 }
@@ -73,6 +75,9 @@ class AnyTable(ReaderComponent, name="table"):
         values = {name: pl.col(target) for name, target in kept.items()}
         if "bolus_min" in values:
             values["bolus_min"] = values["bolus_min"].str.replace(",", ".").cast(pl.Float64, strict=False)
+        if "bolus_type" in values:
+            values["bolus_type"] = values["bolus_type"].str.strip_chars().str.to_lowercase()
+            values["bolus_type"] = pl.when(values["bolus_type"].is_in([AUTOMATIC, MANUAL])).then(values["bolus_type"])
         person = table.frame.select(table.texts(who)).to_series() if who else None
         if who:
             notes.append("The table has a column that says whose each row is.")

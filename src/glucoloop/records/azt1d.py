@@ -17,7 +17,7 @@ from typing import ClassVar
 import polars as pl
 
 from glucoloop.records.answers import MIXED_RATES, Answers
-from glucoloop.records.extract import Extract, extract_frame
+from glucoloop.records.extract import Extract, bolus_types, extract_frame
 from glucoloop.records.file_text import FileText
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
@@ -51,6 +51,7 @@ class AZT1D(TableReaderComponent, name="azt1d"):
                 glucose=pl.when(pl.col("glucose").cast(pl.Float64, strict=False) != 0.0).then("glucose"),
                 carbs=pl.col("carbs"),
                 bolus=pl.col("bolus"),
+                bolus_type=bolus_types(pl.col("type"), "automatic"),
                 basal=pl.col("basal"),
                 device=pl.lit("Dexcom G6"),
                 kind=pl.lit("rows without a reading, a meal or insulin"),

@@ -15,7 +15,7 @@ from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import kind_of
-from glucoloop.records.extract import Extract, extract_frame, with_basal
+from glucoloop.records.extract import Extract, bolus_types, extract_frame, with_basal
 from glucoloop.records.file_text import CellTable, FileText, table_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
@@ -37,6 +37,7 @@ _COLUMNS: Final = {
     "bolus": "Bolus Volume Delivered",
     "bolus_type": "Bolus Type",
     "bolus_duration": "Bolus Duration",
+    "bolus_source": "Bolus Source",
     "prime": "Prime Volume Delivered",
     "carbs": "BWZ Carb Input (grams",
     "exchanges": "BWZ Carb Input (exchanges",
@@ -139,6 +140,7 @@ class CareLink(ReaderComponent, name="carelink"):
             carbs=pl.coalesce("carbs", meal),
             bolus=pl.col("bolus"),
             bolus_min=pl.lit(_bolus_minutes(frame)),
+            bolus_type=bolus_types(pl.col("bolus_source"), "AUTO|MICRO"),
             source=pl.col("device"),
             device=pl.col("device"),
             kind=kind,

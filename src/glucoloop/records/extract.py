@@ -9,9 +9,11 @@ from typing import Any, Final
 
 import polars as pl
 
+from glucoloop.records.record import AUTOMATIC, MANUAL
+
 VALUES: Final = ("glucose", "carbs", "bolus", "long_acting", "basal")
 _LARGEST: Final = 1e30
-_TYPES: Final = dict.fromkeys(("out_of_range", "device", "kind", "source", "person"), pl.String())
+_TYPES: Final = dict.fromkeys(("out_of_range", "device", "kind", "source", "person", "bolus_type"), pl.String())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +22,8 @@ class Extract:
 
     Columns of ``frame``: ``row``, the number of the row in the file, which several rows here may share; ``time``, which
     is ``in_utc`` or on the wall, and ``utc_offset_min``; ``glucose``, ``carbs`` [g], ``bolus`` [U], ``long_acting`` (
-    insulin) [U] and ``basal`` [U/h], as texts or numbers; ``bolus_min``, the time over which a bolus is given;
+    insulin) [U] and ``basal`` [U/h], as texts or numbers; ``bolus_min``, the time over which a bolus is given, and
+    ``bolus_type``, `record.AUTOMATIC` or `record.MANUAL` where the file tells it;
     ``out_of_range``; ``device``, its kind; ``source``, the device or app itself, which no record has; ``person`` of a
     file of several; and ``kind``, in words what a row is that has no value, as ``alerts``. Every row of the file is
     there, whether the record can use it or not.
@@ -58,6 +61,17 @@ def extract_frame(
         every["kind"] = pl.coalesce(why, every["kind"])
     return rows.with_columns(**every).select(
         pl.int_range(pl.len(), dtype=pl.Int64).alias("row"), *times.select("time", "in_utc", "utc_offset_min"), *every
+    )
+
+
+def bolus_types(text: pl.Expr, automatic: str) -> pl.Expr:
+    """Type of each bolus by the words of a file: automatic where they match a pattern, null where there are none."""
+    words = text.str.strip_chars()
+    return (
+        pl.when(words.str.contains(f"(?i){automatic}"))
+        .then(pl.lit(AUTOMATIC))
+        .when(~words.is_in(["", "0"]))
+        .then(pl.lit(MANUAL))
     )
 
 
@@ -101,7 +115,7 @@ def with_doses(frame: pl.DataFrame, doses: list[tuple[int, float, float]]) -> pl
         return frame
     schema = {"row": pl.Int64(), "bolus": pl.Float64(), "bolus_min": pl.Float64()}
     table = pl.DataFrame(doses, schema=schema, orient="row").with_columns(pl.col("bolus").cast(frame["bolus"].dtype))
-    whose = frame.select("row", "time", "in_utc", "utc_offset_min", "device", "source", "kind", "person")
+    whose = frame.select("row", "time", "in_utc", "utc_offset_min", "device", "source", "kind", "person", "bolus_type")
     table = table.join(whose.unique("row", keep="first"), on="row", how="left", maintain_order="left")
     bare = frame.filter(
         pl.col("row").is_in(table["row"].implode())

@@ -29,6 +29,7 @@ from glucoloop.records.file_text import FileText, json_of
 from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.nightscout_profile import SWITCH, fixed_zone, profiles_of, usual_rates, zones_of
 from glucoloop.records.reader import ReaderComponent
+from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import TIME, from_utc, times_of
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H
 
@@ -36,6 +37,7 @@ _LOW_CODE, _HIGH_CODE = 39, 401
 _KINDS: Final = {"mbg": "finger pricks", "cal": "calibrations"}
 _TEMPORARY: Final = "Temp Basal"
 _COMBO: Final = "Combo Bolus"
+_BY_THE_PERSON: Final = ("Meal Bolus", "Snack Bolus", "Bolus Wizard", _COMBO)
 _SUSPEND, _RESUME = re.compile(r"(?i)suspen"), re.compile(r"(?i)resum")
 _OF_INSULIN: Final = r"(?i)bolus|insulin|basal|suspen|resum|prim(e|ing)|dose|injection|pen\b"
 _DELETED: Final = "entries that were deleted"
@@ -86,6 +88,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
                 "bolus": cells(dose.bolus for dose in doses),
                 "long_acting": cells(dose.long_acting for dose in doses),
                 "grams": cells(None if _is_deleted(item) else item.get("carbs") for item in items),
+                "bolus_type": cells(_bolus_type(item) for item in items),
                 "named": cells(dose.named for dose in doses),
                 "source": sources,
             }
@@ -111,6 +114,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
             glucose=pl.col("sgv"),
             carbs=pl.col("grams"),
             bolus=pl.col("bolus"),
+            bolus_type=pl.col("bolus_type"),
             long_acting=pl.col("long_acting"),
             out_of_range=pl.when(code == _LOW_CODE).then(pl.lit("low")).when(code == _HIGH_CODE).then(pl.lit("high")),
             device=pl.when(pl.col("sgv").is_not_null()).then(pl.lit(device_kinds(source["source"], "other"))),
@@ -210,6 +214,15 @@ def _doses(item: dict[str, Any]) -> _Doses:
         return _Doses(bolus=insulin if entered is None else entered)
     now, extended = _parts(item, minutes)
     return _Doses(bolus=insulin if now is None else now or None, extended=(extended, minutes) if extended else None)
+
+
+def _bolus_type(item: dict[str, Any]) -> str | None:
+    """Type of a bolus: AndroidAPS and Loop tell whether it is automatic, and an entry of the person has a name."""
+    event = item.get("eventType")
+    told = [item.get("isSMB"), item.get("automatic")]
+    if True in told or "SMB" in (event, item.get("type")):
+        return AUTOMATIC
+    return MANUAL if False in told or event in _BY_THE_PERSON else None
 
 
 def _parts(item: dict[str, Any], minutes: float) -> tuple[float | None, float | None]:

@@ -28,6 +28,8 @@ LARGEST_AMOUNTS: Final = {"carbs": 1000.0, "bolus": 100.0, "long_acting": 300.0,
 """Largest amounts [g, U, U, U/h]: a pump gives up to 25 or 75 U at once, and up to 35 U/h; a pen up to 80 or 160 U."""
 _LARGEST_RATE_U_H: Final = 100.0
 """Largest rate of a record, also of one that a simulator gives over a sample."""
+AUTOMATIC: Final = "automatic"
+MANUAL: Final = "manual"
 COLUMNS: Final = {
     "time": ColumnForm(
         kind=pl.Datetime("us"), at_least=datetime(YEARS[0], 1, 1), at_most=datetime(YEARS[1] + 1, 1, 8), optional=False
@@ -37,6 +39,7 @@ COLUMNS: Final = {
     "carbs_g": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["carbs"]),
     "bolus_U": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["bolus"]),
     "bolus_min": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=MIN_PER_DAY),
+    "bolus_type": ColumnForm(kind=pl.String(), choices=(AUTOMATIC, MANUAL)),
     "long_acting_U": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["long_acting"]),
     "basal_U_h": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=_LARGEST_RATE_U_H, nan=True),
     "out_of_range": ColumnForm(kind=pl.String(), choices=("low", "high")),
@@ -47,7 +50,8 @@ SCHEMA: Final = {name: column.kind for name, column in COLUMNS.items()}
 """Columns of a record and their types."""
 PARQUET: Final = b"PAR1"
 """Bytes with which a Parquet file begins."""
-_LATER: Final = ("bolus_min", "long_acting_U")
+_LATER: Final = (("bolus_type",), ("bolus_min", "bolus_type", "long_acting_U"))
+"""Columns that records of earlier versions do not have."""
 _METADATA: Final = "glucoloop_record"
 _BOUNDS: Final = TableBounds(least_rows=0, most_rows=5_000_000, columns=len(COLUMNS))
 """Size of a record: nine years of a reading a minute."""
@@ -89,6 +93,8 @@ class DeviceRecord:
     ``carbs_g``          carbohydrate that was entered or eaten at this time [g]
     ``bolus_U``          bolus of rapid-acting insulin given at this time [U]
     ``bolus_min``        time over which that bolus is given [min]; null for one at once
+    ``bolus_type``       ``automatic`` where automation gave that bolus, ``manual`` where the person did; null where
+                         the file does not tell it
     ``long_acting_U``    dose of long-acting insulin, by a pen, at this time [U]
     ``basal_U_h``        basal rate from this time to the next row that has one [U/h]; NaN where it is not known from
                          here on, as after a temporary rate over an unknown usual one
@@ -139,16 +145,16 @@ def record_from_parquet(data: bytes) -> DeviceRecord:
 
 
 def _table(data: bytes) -> pl.DataFrame:
-    """Table of a record, also of one that was written before doses over a time and long-acting ones had columns."""
-    try:
-        return read_table(data, _BOUNDS, COLUMNS)
-    except Refusal as error:
-        if not error.problem.startswith("its columns are"):
-            raise
-    earlier = read_table(data, _BOUNDS, {name: form for name, form in COLUMNS.items() if name not in _LATER})
-    return earlier.select(
-        pl.col(name) if name in earlier.columns else pl.lit(None, kind).alias(name) for name, kind in SCHEMA.items()
-    )
+    """Table of a record, also of one that an earlier version wrote without some of the columns."""
+    for absent in ((), *_LATER):
+        try:
+            frame = read_table(data, _BOUNDS, {name: form for name, form in COLUMNS.items() if name not in absent})
+        except Refusal as error:
+            if absent == _LATER[-1] or not error.problem.startswith("its columns are"):
+                raise
+        else:
+            break
+    return frame.with_columns(pl.lit(None, SCHEMA[name]).alias(name) for name in absent).select(*SCHEMA)
 
 
 def read_record(
@@ -195,7 +201,7 @@ def read_record(
     -------
     DeviceRecord
         The record, whose frame has the columns ``time``, ``utc_offset_min``, ``glucose_mg_dl``, ``carbs_g``,
-        ``bolus_U``, ``bolus_min``, ``long_acting_U``, ``basal_U_h``, ``out_of_range`` and ``device``.
+        ``bolus_U``, ``bolus_min``, ``bolus_type``, ``long_acting_U``, ``basal_U_h``, ``out_of_range`` and ``device``.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from typing import ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
-from glucoloop.records.extract import Extract, extract_frame, number_in, with_doses
+from glucoloop.records.extract import Extract, bolus_types, extract_frame, number_in, with_doses
 from glucoloop.records.file_text import FileText, table_of
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
@@ -27,6 +27,7 @@ _COLUMNS: Final = {
     "glucose": ("Readings (",),
     "finger": ("BG",),
     "bolus": ("InsulinDelivered",),
+    "bolus_type": ("BolusType",),
     "extended": ("BolexInsulinDelivered",),
     "minutes": ("Duration",),
     "requested": ("ActualTotalBolusRequested",),
@@ -81,6 +82,7 @@ class Tandem(TableReaderComponent, name="tandem"):
             glucose=pl.col("glucose"),
             carbs=pl.col("carbs"),
             bolus=pl.lit(pl.Series(at_once, dtype=pl.String)),
+            bolus_type=bolus_types(pl.col("bolus_type"), "automatic"),
             basal=pl.col("basal"),
             device=pl.lit("Tandem"),
             source=pl.col("serial"),

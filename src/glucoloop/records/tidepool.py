@@ -19,6 +19,7 @@ from glucoloop.records.extract import Extract, cells, extract_frame, finite, num
 from glucoloop.records.file_text import CellTable, FileText, json_of
 from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.reader import TableReaderComponent
+from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.units import MG_DL_PER_MMOL_L, S_PER_MIN
 
@@ -77,6 +78,7 @@ class Tidepool(TableReaderComponent, name="tidepool"):
                 ),
                 "long_acting": cells(_injected(item, long=True) for item in items),
                 "grams": cells(_grams(item) for item in items),
+                "bolus_type": cells(_bolus_types(items)),
                 "named": cells(_named(item) for item in items),
                 "mark": cells(_mark(item) if item.get("type") == "cbg" else None for item in items),
                 "device": cells(item.get("deviceModel") or item.get("deviceId") for item in items),
@@ -90,6 +92,7 @@ class Tidepool(TableReaderComponent, name="tidepool"):
             glucose=pl.col("value"),
             carbs=pl.col("grams"),
             bolus=pl.col("bolus"),
+            bolus_type=pl.col("bolus_type"),
             long_acting=pl.col("long_acting"),
             out_of_range=pl.when(pl.col("mark").is_in(("low", "high"))).then("mark"),
             device=pl.lit(device_kinds(source["device"], "other")),
@@ -191,6 +194,13 @@ def _injected(item: dict[str, Any], *, long: bool) -> Any:
     kind = of.get("simple") if isinstance(of, dict) else None
     words = f"{kind.get('actingType')} {kind.get('brand')}" if isinstance(kind, dict) else str(of)
     return dose.get("total") if (words.startswith(("long", "intermediate")) or is_long_acting(words)) is long else None
+
+
+def _bolus_types(items: list[dict[str, Any]]) -> list[str | None]:
+    """Type of each bolus; those that are not automatic are of the person where a device tells automatic ones apart."""
+    automatic = [item.get("type") == "bolus" and item.get("subType") == "automated" for item in items]
+    other = MANUAL if any(automatic) else None
+    return [AUTOMATIC if one else other for one in automatic]
 
 
 def _extended(item: dict[str, Any]) -> tuple[float, float] | None:

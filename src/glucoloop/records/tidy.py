@@ -96,14 +96,15 @@ def settled(extract: Extract, frame: pl.DataFrame, answers: Answers, account: Ac
     frame = account.without(frame, nothing, UNREADABLE)
     frame = account.without(frame, pl.col("time").is_null(), NO_TIME)
     return frame.select(
-        *("file", "row", "kind", "source", "time", "in_utc", "utc_offset_min", *COLUMNS.values(), "bolus_min"),
-        *("out_of_range", "device"),
+        *("file", "row", "kind", "source", "time", "in_utc", "utc_offset_min", *COLUMNS.values()),
+        *("bolus_min", "bolus_type", "out_of_range", "device"),
     )
 
 
 def _without_repeats(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
     """Rows without those that repeat another one, and without a second reading of a device at the same time."""
-    alike = ["time", "utc_offset_min", "second_pass", *COLUMNS.values(), "bolus_min", "out_of_range", "device", "kind"]
+    about = ("bolus_min", "bolus_type", "out_of_range", "device", "kind")
+    alike = ["time", "utc_offset_min", "second_pass", *COLUMNS.values(), *about]
     frame = account.without(frame, ~pl.struct(alike).is_first_distinct(), REPEATED)
     read = pl.col("glucose_mg_dl").is_not_null()
     at = pl.struct("time", "utc_offset_min", "second_pass", "device", "source", "kind", read)

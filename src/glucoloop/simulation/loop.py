@@ -57,6 +57,8 @@ class LoopState:
     reported_bolus_mU: jax.Array | None = None
     """Bolus that the pump reports since the last sample; None under a controller that gives none."""
     in_rescue: Any = None
+    rescue_g: jax.Array | None = None
+    """Carbohydrate that was eaten against low glucose at the last sample; None where the controller is not told."""
 
 
 @pytree
@@ -92,7 +94,7 @@ def look(
     seen = _seen(loop, state.x)
     in_sensor, reading = loop.sensor.read(state.in_sensor, seen, jax.random.fold_in(reading_key, index))
     reported = state.reported_mU_min, state.reported_bolus_mU
-    return in_sensor, reading, _observe(loop, reading, reported, announced_g, time_of_day_min)
+    return in_sensor, reading, _observe(loop, reading, reported, announced_g, time_of_day_min, state.rescue_g)
 
 
 def _observe(
@@ -101,6 +103,7 @@ def _observe(
     reported: tuple[jax.Array, jax.Array | None],
     announced_g: jax.Array,
     time_of_day_min: jax.Array | None,
+    rescue_g: jax.Array | None,
 ) -> Observation:
     shape = reading.glucose_mg_dl.shape
     return Observation(
@@ -112,6 +115,7 @@ def _observe(
         delivered_bolus_mU=reported[1],
         time_of_day_min=None if time_of_day_min is None else jnp.broadcast_to(time_of_day_min, shape),
         announced_in_min=None if loop.announced_in_min is None else jnp.broadcast_to(loop.announced_in_min, shape),
+        rescue_carbs_g=rescue_g,
     )
 
 
@@ -147,7 +151,8 @@ def begin(
     # The controller initialises at what the first sample will show it.
     _, first = loop.sensor.read(in_sensor, seen, jax.random.fold_in(reading_key, 0))
     no_bolus = jnp.zeros_like(insulin_mU_min) if gives_boluses(loop.controller) else None
-    observation = _observe(loop, first, (insulin_mU_min, no_bolus), announced_g, time_of_day_min)
+    no_rescue = jnp.zeros_like(insulin_mU_min) if loop.rescue is not None and loop.rescue.told else None
+    observation = _observe(loop, first, (insulin_mU_min, no_bolus), announced_g, time_of_day_min, no_rescue)
     state = LoopState(
         x=x,
         reported_mU_min=insulin_mU_min,
@@ -156,6 +161,7 @@ def begin(
         in_pump=loop.pump.init(insulin_mU_min, _for_pump(reading_key)),
         reported_bolus_mU=no_bolus,
         in_rescue=None if loop.rescue is None else loop.rescue.init(insulin_mU_min),
+        rescue_g=no_rescue,
     )
     return state, reading_key
 
@@ -234,6 +240,7 @@ def sample(
             in_pump=in_pump,
             reported_bolus_mU=delivery.reported_bolus_mU,
             in_rescue=in_rescue,
+            rescue_g=None if state.rescue_g is None else rescue_g,
         ),
         happened,
     )

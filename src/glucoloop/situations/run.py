@@ -111,7 +111,7 @@ class ControlledSituation(Situation):
         """Needs that the situation and its controllers meet: of several, those that any of them does."""
         if "controller" in self.refused:
             return super().uses()
-        by_controllers = frozenset[Need]().union(*(case.uses() for case in self.cases))
+        by_controllers = frozenset[Need]().union(*(part.uses() for part in (*self.cases, *self.actions)))
         by_metrics = frozenset({READINGS} if self.metrics else ())
         return super().uses() - {READINGS} | by_controllers | by_metrics
 
@@ -416,8 +416,9 @@ def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_d
 
 
 def intravenous_boluses(config: ControlledSituation) -> tuple[str, ...]:
-    """`INTRAVENOUS_BOLUS` if any of the controllers gives boluses to a patient with intravenous insulin."""
+    """`INTRAVENOUS_BOLUS` if a controller, or the person by hand, gives boluses of intravenous insulin."""
     boluses = any(case.controller.gives_boluses for case in config.cases)
+    boluses = boluses or any(action.doses for action in config.actions)
     return (INTRAVENOUS_BOLUS,) if boluses and not config.patient.subcutaneous else ()
 
 

@@ -18,7 +18,18 @@ from glucoloop.component.grammar import NAME, Leaf, Tree, as_tree
 from glucoloop.limits import LONGEST_RUN_MIN, MAX_DAYS
 from glucoloop.meals.habits import HabitComponent
 from glucoloop.situations.option import PATIENT_PANEL, Option
-from glucoloop.situations.situation import AnnounceBefore, AnnounceMeals, CarbBias, CarbError, StartTime, WarmUp
+from glucoloop.situations.situation import (
+    Actions,
+    AnnounceBefore,
+    AnnounceMeals,
+    CarbBias,
+    CarbError,
+    Events,
+    Rhythms,
+    StartTime,
+    WarmUp,
+    WrongProfile,
+)
 from glucoloop.situations.toml import read_file
 from glucoloop.unit_guess import DURATION
 from glucoloop.units import MIN_PER_DAY
@@ -111,6 +122,10 @@ class ScenarioComponent(DaySettings):
     announce_before_min: AnnounceBefore = 0.0
     carb_error_pct: CarbError = 0.0
     carb_bias_pct: CarbBias = 0.0
+    profile_error: WrongProfile = None
+    rhythm: Rhythms = ()
+    actions: Actions = ()
+    events: Events = ()
     start: StartTime = None
     warm_up_min: WarmUp = 0.0
 
@@ -133,6 +148,18 @@ SCENARIOS: Final = _Scenarios(
         "unkind-day": "glucoloop.situations.scenario_days:UnkindDay",
         "week": "glucoloop.situations.scenario_days:Week",
         "year": "glucoloop.situations.scenario_days:Year",
+        "occlusion": "glucoloop.situations.scenario_days:BlockedLine",
+        "sensor-drift": "glucoloop.situations.scenario_days:DriftingSensor",
+        "dropped-bolus": "glucoloop.situations.scenario_days:DroppedBolus",
+        "exercise": "glucoloop.situations.scenario_days:ExerciseDay",
+        "exercise-announced": "glucoloop.situations.scenario_days:AnnouncedExercise",
+        "illness": "glucoloop.situations.scenario_days:Illness",
+        "ratios-halved": "glucoloop.situations.scenario_days:RatiosHalved",
+        "ratios-doubled": "glucoloop.situations.scenario_days:RatiosDoubled",
+        "basal-halved": "glucoloop.situations.scenario_days:BasalHalved",
+        "basal-doubled": "glucoloop.situations.scenario_days:BasalDoubled",
+        "two-meals": "glucoloop.situations.scenario_days:TwoMeals",
+        "slow-meal": "glucoloop.situations.scenario_days:SlowMeal",
         _CUSTOM: "glucoloop.situations.scenario_days:CustomScenario",
     },
     example="week, days=14",

@@ -28,6 +28,7 @@ from glucoloop.component.effects import (
 from glucoloop.component.grammar import as_tree
 from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.component.request import by_default, completed, request_of
+from glucoloop.control.action import ActionComponent
 from glucoloop.faults import START, FaultComponent
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.rescue import RescueComponent
@@ -41,6 +42,7 @@ from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, SensorComponent, WhiteNoise, whole_samples
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
+from glucoloop.situations.profile_error import ProfileErrorComponent
 from glucoloop.situations.request import read_root
 from glucoloop.unit_guess import (
     CONFIRM_OPTION,
@@ -110,6 +112,49 @@ StartTime = Annotated[
         needs=(TIME_OF_DAY,),
     ),
 ]
+Rhythms = Annotated[
+    tuple[RhythmComponent, ...],
+    _patient(
+        "What follows the clock in the patient, like 'visentin-2015, pattern=hhl' or dawn; repeat it for more. The "
+        "patient rests, and controllers are designed, as without it.",
+        flag="--rhythm",
+        rare=True,
+    ),
+]
+Events = Annotated[
+    tuple[FaultComponent, ...],
+    _sensor(
+        "Fault of sensor or pump that belongs to the day, inside of the others; repeat it for more.",
+        flag="--event",
+        rare=True,
+    ),
+]
+Actions = Annotated[
+    tuple[ActionComponent, ...],
+    _patient(
+        "What the person does by hand or tells the controller, like 'bolus, time=14h' or 'exercise, time=16h'; repeat "
+        "it for more.",
+        flag="--action",
+        rare=True,
+    ),
+]
+ProfileBy = Annotated[
+    Literal["table", "titration"],
+    _patient(
+        "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
+        "titrated on each person, see the guide to populations.",
+        rare=True,
+        needs=(PROFILE,),
+    ),
+]
+WrongProfile = Annotated[
+    ProfileErrorComponent | None,
+    _patient(
+        "Error of the profiles that controllers have, like 'ratio_pct=50' or 'spread_pct=20'; right by default.",
+        flag="--profile-error",
+        rare=True,
+    ),
+]
 WarmUp = Annotated[
     float,
     Option(
@@ -144,15 +189,8 @@ class Situation(Component):
             "Target of the controller; the patient's own by default.", above=0.0, at_most=2000.0, quantity=SETPOINT
         ),
     ] = None
-    profile_by: Annotated[
-        Literal["table", "titration"],
-        _patient(
-            "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
-            "titrated on each person, see the guide to populations.",
-            rare=True,
-            needs=(PROFILE,),
-        ),
-    ] = "table"
+    profile_by: ProfileBy = "table"
+    profile_error: WrongProfile = None
     meal_model: Annotated[
         MealModelComponent | None,
         _patient(
@@ -175,14 +213,9 @@ class Situation(Component):
     carb_error_pct: CarbError = 0.0
     carb_bias_pct: CarbBias = 0.0
     start: StartTime = None
-    rhythm: Annotated[
-        tuple[RhythmComponent, ...],
-        _patient(
-            "What follows the clock in the patient, like 'visentin-2015, pattern=hhl' or dawn; repeat it for more. The "
-            "patient rests, and controllers are designed, as without it.",
-            rare=True,
-        ),
-    ] = ()
+    rhythm: Rhythms = ()
+    actions: Actions = ()
+    events: Events = ()
     sensor: Annotated[
         tuple[SensorComponent, ...],
         _sensor(
@@ -306,7 +339,7 @@ class Situation(Component):
 
     def refuse_late_faults(self, duration_min: float) -> None:
         """Refuse a fault that begins after the end of a run."""
-        for fault in self.faults:
+        for fault in (*self.events, *self.faults):
             start_min = float(fault.values().get(START, 0.0))
             if start_min >= duration_min:
                 raise Refusal(
@@ -362,7 +395,7 @@ class Situation(Component):
     def drawn_otherwise(self) -> bool:
         """Whether something else than white noise may be drawn: another noise of the sensor, or a fault."""
         plain = (IdealSensor, WhiteNoise, DeadTime)
-        return bool(self.faults) or not all(isinstance(component, plain) for component in self.sensor)
+        return bool(self.events or self.faults) or not all(isinstance(component, plain) for component in self.sensor)
 
     @property
     def dead_time_min(self) -> float:

@@ -74,6 +74,8 @@ class Study:
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
     """Name of the file with everything that was found, as JSON."""
+    extent: tuple[str, ...] = ()
+    """Settings that may differ when it is resumed: how far it goes, and what is asked of its results."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,8 +96,6 @@ class SearchStudy(Study):
     """Whether it is always kept in a folder."""
     partial: bool = False
     """Whether the first rows are results too, which are shown after an interrupt where no folder keeps them."""
-    extent: tuple[str, ...] = ()
-    """Settings that may differ when it is resumed: how far it goes."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,9 +53,9 @@ class TrialOrigin(Origin):
     """Version of the library that writes tables, and computes nothing."""
 
     @classmethod
-    def of(cls, trial: Trial) -> TrialOrigin:
-        """Origin of a trial that begins now."""
-        keys = trial.tree(whole=True)
+    def of(cls, trial: Trial, **of_results: Any) -> TrialOrigin:
+        """Origin of a trial that begins now, with settings of its results alone."""
+        keys = trial.tree(whole=True) | of_results
         return cls.current(keys, fingerprint=fingerprint(trial), people=trial.people, shards=trial.shards)
 
     @classmethod
@@ -110,7 +110,10 @@ class TrialFolder(ResumableFolder):
 
     def __init__(self, path: Path, trial: Trial, work: Work) -> None:
         self.trial = trial
-        super().__init__(path, work, TrialOrigin.of(trial), results=SHARDS, wanted=trial.shards, unit="shards")
+        of_results = {name: work.keys[name] for name in sorted(work.may_change)}
+        super().__init__(
+            path, work, TrialOrigin.of(trial, **of_results), results=SHARDS, wanted=trial.shards, unit="shards"
+        )
         self._sums: dict[int, dict[str, str]] = {}
         """Digests of the files of each shard that is done."""
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from glucoloop.metrics.control_variability import CELLS, grid_counts
 from glucoloop.refusal import Refusal
+from glucoloop.trials.intervals import CONFIDENCE_PCT, PairedDifferences, mean_interval, share_interval
 from glucoloop.trials.people import PeopleRows, Shards
 from glucoloop.trials.quantiles import Floats, Moments, finite, quantiles
 
@@ -67,11 +68,12 @@ class TrialSummary:
 
     plain: dict[str, Any]
     """Numbers as plain values for JSON: of the people, those who are ``unable`` to rest at the setpoint and those whose
-    basal rate is beyond the pump; of each controller its ``metrics`` (mean, sd, min, p1 to p99 and max, and the number
-    of people where some have no value; for one that is 0 or 1, the number of people with 1, and their share), those
-    who were ``ever_below`` a glucose, those below the range in which their model is valid, which means severe
-    hypoglycemia and not a number, those whose glucose or insulin was not finite, who are in no other number, and the
-    ten with the minimum glucose, the minimum first.
+    basal rate is beyond the pump; of each controller its ``metrics`` (mean with its interval of 95 %, ``low`` to
+    ``high``, sd, min, p1 to p99 and max, and the number of people where some have no value; for one that is 0 or 1, the
+    number of people with 1, and their share with its interval), those who were ``ever_below`` a glucose, those below
+    the range in which their model is valid, which means severe hypoglycemia and not a number, those whose glucose or
+    insulin was not finite, who are in no other number, and the ten with the minimum glucose, the minimum first; and
+    ``differences`` of each controller from the first one, person by person, see `trials.intervals`.
     """
     cvga_counts: Mapping[str, npt.NDArray[np.int64]]
     """People in each cell of the control-variability grid, by controller."""
@@ -127,18 +129,24 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
     Refusal if there is no shard.
     """
     cases: dict[str, _Case] = {}
+    paired: dict[str, PairedDifferences] = {}
     infeasible, beyond = _AffectedPeople(), _AffectedPeople()
     people = 0
     for shard in shards():
         for label, of_label in shard.items():
             cases.setdefault(label, _Case(of_label)).add(of_label)
-        first = next(iter(shard.values()))  # who has a basal rate, and which, does not depend on the controller
+        reference, *others = shard
+        first = shard[reference]  # who has a basal rate, and which, does not depend on the controller
+        for label in others:
+            known = _known(first) & _known(shard[label])
+            paired.setdefault(label, PairedDifferences(LOW_MG_DL)).add(first, shard[label], known)
         people += first.person.size
         infeasible.add(first.person[~first.feasible])
         beyond.add(first.person[first.feasible & (first.basal_insulin_mU_min > max_insulin_mU_min)])
     if not cases:
         raise Refusal("there is nobody to summarise; finish a shard first")
     result = _quantiles(shards, cases)
+    differences = {label: of.plain() for label, of in paired.items()}
     return TrialSummary(
         plain={
             "people": people,
@@ -146,6 +154,11 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
             "unable": dataclasses.asdict(infeasible),
             "basal_beyond_pump": dataclasses.asdict(beyond),
             "controllers": {label: case.plain(result[label]) for label, case in cases.items()},
+            "differences": {
+                "reference": next(iter(cases)),
+                "confidence_pct": CONFIDENCE_PCT,
+                "controllers": differences,
+            },
         },
         cvga_counts={label: case.cvga for label, case in cases.items()},
         distributions=_distributions(shards, result),
@@ -216,10 +229,12 @@ def _row(people: PeopleRows, index: int) -> dict[str, Any]:
 
 
 def _share(count: int, total: int) -> dict[str, float]:
-    return {"people": count, "share_pct": 100.0 * count / total if total else float("nan")}
+    low, high = share_interval(count, total)
+    return {"people": count, "share_pct": 100.0 * count / total if total else float("nan"), "low": low, "high": high}
 
 
 def _spread(moment: Moments, result: Mapping[str, float], people: int) -> dict[str, float]:
     mean, least, greatest = (moment.mean, moment.least, moment.greatest) if moment.count else (float("nan"),) * 3
     having = {} if moment.count == people else {"people": moment.count}
-    return {"mean": mean, "sd": moment.sd, "min": least, **result, "max": greatest, **having}
+    low, high = mean_interval(moment)
+    return {"mean": mean, "low": low, "high": high, "sd": moment.sd, "min": least, **result, "max": greatest, **having}

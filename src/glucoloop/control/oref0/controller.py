@@ -23,6 +23,8 @@ from glucoloop.control.decision import (
     hear,
     is_known,
     no_meals_to_come,
+    target_mg_dl,
+    with_rescue,
 )
 from glucoloop.control.oref0.dose import determine_basal
 from glucoloop.control.oref0.inputs import (
@@ -343,7 +345,7 @@ class Oref0(OfPerson, name="oref0"):
         insulin = _pushed(state.insulin_U, self._given_U(state, observation))
         waited = jnp.minimum(state.since_bolus_min + SAMPLE_MIN, _LONG_AGO_MIN)
 
-        setpoint = observation.setpoint_mg_dl
+        setpoint = target_mg_dl(observation)
         setpoint = jnp.where(jnp.isfinite(setpoint) & (setpoint > 0.0), setpoint, self.setpoint_mg_dl)
         target = whole(jnp.minimum(setpoint, _HIGHEST_MG_DL))
         profile = dataclasses.replace(self.dosing, min_bg_mg_dl=target, max_bg_mg_dl=target)
@@ -357,7 +359,7 @@ class Oref0(OfPerson, name="oref0"):
         )
         activity = _pushed(state.activity_U_min, iob.activity_U_min)
         to_come, begins = hear(state.to_come, observation, carbs, self.sample_time_min)
-        eaten = _pushed(state.carbs_g, begins)
+        eaten = _pushed(state.carbs_g, with_rescue(begins, observation))
         meal = recent_carbs(eaten, glucose_mg_dl, activity, profile)
         left = jnp.maximum(state.temp.duration_min - SAMPLE_MIN, 0.0)
         temp = TempBasal(rate_U_h=jnp.where(left > 0.0, state.temp.rate_U_h, 0.0), duration_min=left)

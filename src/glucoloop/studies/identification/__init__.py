@@ -45,6 +45,8 @@ class ModelRequest(Situation):
         "announce_meals",
         "announce_before_min",
         "rescue",
+        "events",
+        "actions",
         "carb_error_pct",
         "carb_bias_pct",
         "start",

@@ -7,8 +7,8 @@ kept holds the people of a shard under one controller, so that an interrupted le
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
-from typing import Annotated, Any, ClassVar, Final
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, ClassVar, Final, Self
 
 from glucoloop.component.base import Component
 from glucoloop.component.effects import EVERYTHING, Need
@@ -16,7 +16,8 @@ from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, request_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.meals.rescue import RescueComponent
+from glucoloop.meals.rescue import RESCUES, RescueComponent
+from glucoloop.metrics.catalogue import METRICS
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
@@ -24,6 +25,7 @@ from glucoloop.sensors import SENSORS, SensorComponent
 from glucoloop.situations.case import Case, cases_of, label_of
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent
+from glucoloop.situations.situation import ProfileBy, WrongProfile
 from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
 
 MAX_PEOPLE: Final = 10_000
@@ -67,12 +69,15 @@ class League(Component):
     rescue: Annotated[
         RescueComponent | None,
         Option(
-            "Fast carbohydrate that people eat when glucose is low, like 'below_mg_dl=65, carbs_g=20'; its grams a day "
-            "are a column.",
+            "Fast carbohydrate that people eat when glucose is low, like 'below_mg_dl=65, carbs_g=20', or none; its "
+            "grams a day are a column.",
             alone="carbs",
+            default="carbs with subcutaneous insulin, none with intravenous insulin or --bound",
             panel=PATIENT_PANEL,
         ),
-    ] = None
+    ] = RESCUES.by_default("carbs")
+    profile_by: ProfileBy = "table"
+    profile_error: WrongProfile = None
     reference: Annotated[
         Request[Case],
         _controller("Therapy with which each person is compared under the controllers; it takes part too."),
@@ -123,6 +128,19 @@ class League(Component):
                 f"--bound is {self.bound_people}, and a family has {self.people} people; give at most {self.people}, "
                 f"or {self.bound_people} with --people"
             )
+
+    @classmethod
+    def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Defaults, without rescue carbohydrate where the best doses are searched."""
+        without = {"rescue": None} if request.explicit.get("bound_people") else {}
+        return super().defaults_of(request, {**defaults, **without})
+
+    def of_family(self, subcutaneous: bool) -> dict[str, Any]:
+        """Settings of a family's trials; titration, and rescue carbohydrate by default, need subcutaneous insulin."""
+        rescue = self.rescue if subcutaneous or "rescue" in self.explicit else None
+        titrated = {"profile_by": self.profile_by} if subcutaneous else {}
+        metrics = {} if rescue is None else {"metrics": (METRICS.choose("rescues"),)}
+        return {**titrated, **metrics, "rescue": rescue, "profile_error": self.profile_error, "seed": self.seed}
 
     def uses(self) -> frozenset[Need]:
         """Everything: what one controller or scenario has no use for, another one has."""

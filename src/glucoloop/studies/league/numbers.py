@@ -147,6 +147,17 @@ RESCUE: Final = _mean(
     "rescue_g_day", "Rescue carbohydrate", "g/day", name="rescue_g_day", text=decimals(1), short="rescue\ng/day"
 )
 """Carbohydrate that people ate against low glucose, where they do."""
+EQUATIONS, PROFILE = "equations", "profile"
+DESIGN: Final = Column(
+    name="design",
+    group="Controller",
+    head="designed by",
+    text=str,
+    missing=lambda row: "",
+    left=True,
+    short="designed\nby",
+)
+"""Basis of the design of a controller: the equations of the patient that it is tried on, or a profile alone."""
 _MORE: Final = {
     "more_in_range_pct": "time_70_180_pct",
     "more_70_pct": "time_below_70_pct",

@@ -12,9 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.component.request import Request, completed
-from glucoloop.meals.rescue import RescueComponent
-from glucoloop.metrics.catalogue import METRICS as METRIC_CATALOGUE
+from glucoloop.component.request import Request, completed, request_of
 from glucoloop.patients.component import NOMINAL
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import label_of
@@ -25,8 +23,10 @@ from glucoloop.studies.league import LEAGUE, MAX_BEST, MAX_PEOPLE, League, reach
 from glucoloop.studies.league.numbers import (
     A_DAY,
     ALL,
+    EQUATIONS,
     LINE,
     METRICS,
+    PROFILE,
     RESCUE_CARBS,
     TARGETS,
     harms,
@@ -100,25 +100,22 @@ class _ShardResult(NamedTuple):
 
 
 @functools.lru_cache(maxsize=1)
-def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int, rescue: RescueComponent | None) -> list[_Line]:
+def _lines_of(config: League) -> list[_Line]:
+    """Every controller in every cell; the controllers of a cell follow one another."""
     results = []
-    for patient, sensor, scenario, case in itertools.product(*parts):
-        settings = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
-        settings |= {} if rescue is None else {"rescue": rescue, "metrics": (METRIC_CATALOGUE.choose("rescues"),)}
+    for patient, sensor, scenario, case in itertools.product(
+        config.families, config.sensors, config.scenarios, config.cases
+    ):
+        settings = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,)}
+        settings |= config.of_family(patient.component.subcutaneous)
         family, of_sensor, of_scenario = texts((patient, sensor, scenario))
         trial, reason = None, ""
         try:
-            trial = completed(Request(Trial, settings), {"people": people})
+            trial = completed(Request(Trial, settings), {"people": config.people})
         except Refusal as error:
             reason = str(error)
         results.append(_Line(family, of_sensor, of_scenario, label_of(case), trial, reason))
     return results
-
-
-def _lines_of(config: League) -> list[_Line]:
-    """Every controller in every cell; the controllers of a cell follow one another."""
-    parts = config.families, config.sensors, config.scenarios, config.cases
-    return _lines(parts, config.people, config.seed, config.rescue)
 
 
 Shard = tuple[_Line, int, npt.NDArray[np.int64]]
@@ -264,6 +261,11 @@ class _LeagueSearch:
             config.worse_by_pct,
             columns_of(config),
         )
+        design = {
+            label_of(case): EQUATIONS if request_of(case.value("controller")).component.on_equations else PROFILE
+            for case in config.cases
+        }
+        numbers = numbers.with_columns(design=pl.col("controller").replace_strict(design, default=None))
         plain = {
             "config": config.tree(whole=True),
             "families": dict(_families(config)),

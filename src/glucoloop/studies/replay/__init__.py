@@ -29,7 +29,19 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
     kind: ClassVar = "replay"
     # the person, the meals and the clock are those of the record
     refused: ClassVar = (
-        *("patient", "profile_by", "announce_meals", "carb_error_pct", "carb_bias_pct", "start", "rhythm", "rescue"),
+        *(
+            "patient",
+            "profile_by",
+            "profile_error",
+            "announce_meals",
+            "carb_error_pct",
+            "carb_bias_pct",
+            "start",
+            "rhythm",
+            "rescue",
+            "events",
+            "actions",
+        ),
         *("warm_up_min", "metrics"),
     )
 

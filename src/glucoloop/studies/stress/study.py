@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 
 from glucoloop.faults import FAULTS
+from glucoloop.metrics.catalogue import METRICS
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import (
     Column,
     FittingTable,
     Row,
+    decimals,
     headings,
     measured,
     terminal_table,
@@ -39,6 +41,7 @@ from glucoloop.trials.engine import prepare
 from glucoloop.trials.folder import TrialFolder
 from glucoloop.trials.shard import people_table
 from glucoloop.trials.trial import Trial
+from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,14 +84,17 @@ def _cells_of(config: StressTest) -> dict[_StressCell, Case]:
 
 
 def trial_of(config: StressTest) -> Trial:
-    """Trial with a case for each cell."""
-    return config.with_cases(tuple(_cells_of(config).values()), faults=())
+    """Trial with a case for each cell, of which carbohydrate against low glucose is counted where people eat it."""
+    counted = () if config.rescue is None else (METRICS.choose("rescues"),)
+    return config.with_cases(tuple(_cells_of(config).values()), faults=(), metrics=counted)
 
 
-def _cell_table(cells: Iterable[_StressCell], people: pl.DataFrame, samples: int) -> pl.DataFrame:
+def _cell_table(
+    cells: Iterable[_StressCell], people: pl.DataFrame, samples: int, days: float, columns: Sequence[Column]
+) -> pl.DataFrame:
     """The numbers of each cell, over the people whose glucose stayed finite there and without the fault.
 
-    `people` are those of each cell, from `people_table`; `samples` is the number of samples of a run.
+    `people` are those of each cell, from `people_table`; a run has so many samples, and lasts so many days.
     """
     labels = pl.DataFrame([{"label": cell.label, **dataclasses.asdict(cell)} for cell in cells])
     known = people.join(labels, on="label", maintain_order="left")
@@ -97,7 +103,7 @@ def _cell_table(cells: Iterable[_StressCell], people: pl.DataFrame, samples: int
     without = known.filter(fault=NO_FAULT).select(*same, without_pct="time_below_60_pct")
     known = known.join(without, on=same, how="inner", maintain_order="left")
     known = known.with_columns(more_pct=pl.col("time_below_60_pct") - pl.col("without_pct"), samples=samples)
-    return measured(known, labels.drop("label"), COLUMNS)
+    return measured(known.with_columns(days=days), labels.drop("label"), columns)
 
 
 def _guarded(row: Row) -> bool:
@@ -163,6 +169,19 @@ COLUMNS: Final = (
     _share("dose_limited"),
 )
 """The numbers of a cell, of which the people who were worse off come first."""
+_RESCUE: Final = Column(
+    name="rescue_g_day",
+    value=pl.col("rescue_carbs_g").mean() / pl.col("days").first(),
+    group="Rescue carbohydrate",
+    head="g/day",
+    text=decimals(1),
+    short="rescue\ng/day",
+)
+
+
+def _columns_of(config: StressTest) -> tuple[Column, ...]:
+    """Numbers of a cell, with the carbohydrate that people eat against low glucose where they do."""
+    return COLUMNS if config.rescue is None else (*COLUMNS, _RESCUE)
 
 
 _GUARDS: Final = {False: "without the guard", True: "with the guard"}
@@ -180,7 +199,8 @@ def notes(config: StressTest) -> tuple[str, ...]:
 def results_of(config: StressTest, folder: TrialFolder) -> Results:
     """Numbers of each cell, and why the worst-off person of each guarded cell that fails was worse off."""
     cells, people, base = list(_cells_of(config)), people_table(folder.people()), config.base
-    table = _cell_table(cells, people, folder.trial.samples)
+    days = folder.trial.horizon_min / MIN_PER_DAY
+    table = _cell_table(cells, people, folder.trial.samples, days, _columns_of(config))
     prepared = prepare(folder.trial)
     reasons = [
         {
@@ -251,7 +271,7 @@ def tables(config: StressTest, results: Results) -> Iterator[FittingTable]:
     yield terminal_table(
         "Fault",
         grid.sections(),
-        COLUMNS,
+        _columns_of(config),
         caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {_MAX_MORE_PCT:g} % of the "
         "run than without the fault. <60, <54: time below 60 or 54 mg/dl in percent of the run, as the mean over the "
         "people and for the person with the longest time. Low events: periods of 15 min or longer below 70 mg/dl, "
@@ -462,7 +482,7 @@ def page(config: StressTest, results: Results) -> str:
             ]
             for controller, lines in grid.sections()
         },
-        "columns": COLUMNS,
+        "columns": _columns_of(config),
         "faults": [(name, FAULTS.choose(fault)) for fault, name in grid.names.items() if fault != NO_FAULT],
     }
     return render(

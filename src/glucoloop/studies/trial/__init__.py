@@ -2,10 +2,67 @@
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Final
 
+from glucoloop.component.effects import OTHERS_TO_COMPARE, Need
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import RUN_PANEL, Option
 from glucoloop.studies.study import COMPONENTS_HELP, TrialStudy
 from glucoloop.trials.trial import Trial
+
+
+def _margin(text: str) -> tuple[str, float]:
+    """Metric and margin of a text."""
+    name, _, number = text.partition("=")
+    try:
+        width = float(number)
+    except ValueError:
+        width = math.nan
+    if not name.strip() or not 0.0 < width < math.inf:
+        raise Refusal(f"--margin {text!r} is not possible; write it like time_70_180_pct=2, with a number above 0")
+    return name.strip(), width
+
+
+class TrialRequest(Trial):
+    """A trial, and what of its results is asked for."""
+
+    margin: Annotated[
+        tuple[str, ...],
+        Option(
+            "Largest difference of a metric between controllers that does not matter, like time_70_180_pct=2; the "
+            "results then say which controllers are equivalent, and how many people such a precision takes. Repeat it "
+            "for more metrics.",
+            panel=RUN_PANEL,
+            metavar="METRIC=VALUE",
+            needs=(OTHERS_TO_COMPARE,),
+            rare=True,
+        ),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.margins  # which refuses what is no metric
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the situation and its controllers meet."""
+        return super().uses() | ({OTHERS_TO_COMPARE} if len(self.cases) > 1 else set())
+
+    @property
+    def margins(self) -> Mapping[str, float]:
+        """Margins by the names of the metrics."""
+        from glucoloop.metrics.catalogue import result_named
+
+        pairs = map(_margin, self.margin)
+        return {result_named(name, self.further_metrics).name: value for name, value in pairs}
+
+    @property
+    def trial(self) -> Trial:
+        """The trial alone, on which everything in its folder depends."""
+        settings: dict[str, Any] = {name: getattr(self, name) for name in Trial.settings()}
+        return Trial(**settings)
+
 
 TRIAL: Final = TrialStudy(
     name="trial",
@@ -24,7 +81,7 @@ TRIAL: Final = TrialStudy(
         "  glucoloop trial --people 1000000 --precision float32 --dask tcp://10.0.0.1:8786 --out million"
     ),
     module="glucoloop.studies.trial.study",
-    request=Trial,
+    request=TrialRequest,
     option_texts={
         "help": {
             "patient": "Patient, around whom people vary and for whom controllers are designed.",
@@ -38,5 +95,6 @@ TRIAL: Final = TrialStudy(
         ),
     },
     on_clusters=True,
+    extent=("margin",),
     files=("bands.parquet", "figure.pdf", "figure.png", "figure.svg", "report.html"),
 )

@@ -22,6 +22,7 @@ from glucoloop.reporting.periods import concentrations
 from glucoloop.reporting.template import render
 from glucoloop.studies.trial.report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.text import NOT_AVAILABLE, percent
+from glucoloop.trials.intervals import FEWEST_DIFFERENT
 from glucoloop.trials.quantiles import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
 from glucoloop.units import MIN_PER_WEEK
 
@@ -60,6 +61,7 @@ def trial_page(report: TrialReport) -> str:
         report=report,
         limits=sorted({limit for case in cases for limit in case.ever_below}, reverse=True),
         headlines=list(_headlines(cases)),
+        fewest_different=FEWEST_DIFFERENT,
         bin_text=f"{GLUCOSE_BIN_MG_DL:g} mg/dl or {INSULIN_BIN_MU_MIN:g} mU/min",
         responses=_responses(report, band_times),
         response_thinned=any(len(case.bands_t_min) > band_times for case in cases),

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.physiology.exercise import Exercise
+from glucoloop.reporting.columns import MetricRow
 from glucoloop.reporting.template import Repeat
 
 Floats = npt.NDArray[np.float64]
@@ -122,6 +123,12 @@ class TrialReport:
     """Length of the run, where weeks are shown."""
     start_min: float = 0.0
     """Time of day at the start, after midnight."""
+    reference: str = ""
+    """Controller from which the differences are."""
+    differences: Sequence[MetricRow] = ()
+    """Paired differences of the other controllers from it, with intervals of 95 %."""
+    conclusions: Sequence[str] = ()
+    """Conclusions on the margins that were asked for."""
     repeat: Repeat | None = None
     """Command and configuration that repeat the trial."""
 

@@ -22,6 +22,9 @@ from glucoloop.reporting.descriptions import (
 from glucoloop.reporting.print_figure import figure_files
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
+from glucoloop.studies.trial import TrialRequest
+from glucoloop.studies.trial.differences import difference_rows, margin_conclusions
+from glucoloop.studies.trial.differences import sentences as sentences
 from glucoloop.studies.trial.figure import plot_trial
 from glucoloop.studies.trial.page import trial_page
 from glucoloop.studies.trial.report import CaseReport, MetricDistribution, TrialReport, WorstPerson, ranges_pct
@@ -72,22 +75,23 @@ _LOST: Final = {
 _NAMED: Final = 10
 
 
-def trial_of(config: Trial) -> Trial:
-    """The trial itself."""
-    return config
+def trial_of(config: TrialRequest) -> Trial:
+    """The trial, which is computed whatever is asked of its results."""
+    return config.trial
 
 
-def notes(config: Trial) -> tuple[str, ...]:
+def notes(config: TrialRequest) -> tuple[str, ...]:
     """Notes on intravenous boluses, and on rhythms."""
     return (*intravenous_boluses(config), *steady_without_rhythm(config))
 
 
-def results_of(config: Trial, folder: TrialFolder) -> Results:
+def results_of(config: TrialRequest, folder: TrialFolder) -> Results:
     """Distributions and percentiles of all people; those with the worst outcomes are simulated again."""
     summary = summarise_people(folder.people, max_insulin_mU_min=float(config.limits.max_mU_min))
-    counts, origin, prepared = _counts(folder), folder.recorded, engine.prepare(config)
+    counts, origin, prepared = _counts(folder), folder.recorded, engine.prepare(folder.trial)
     bands = _bands(config, counts)
     numbers, designed = summary.plain, prepared.computed_settings
+    numbers["differences"]["margins"] = margin_conclusions(config, numbers["differences"])
     for label, of_label in numbers["controllers"].items():
         of_label |= {**prepared.engines[label], "settled": designed[label]}
         of_label["control_variability_pct"] = zone_pct(summary.cvga_counts[label])
@@ -112,21 +116,28 @@ def results_of(config: Trial, folder: TrialFolder) -> Results:
         start_min=config.start_min or 0.0,
         repeat=Repeat("trial --config trial.toml", config.tree(whole=True), _FILES, explicit=config.tree()),
         cases={label: _case_report(config, label, summary, bands[label]) for label in numbers["controllers"]},
+        reference=numbers["differences"]["reference"],
+        differences=list(difference_rows(config, numbers)),
+        conclusions=list(sentences(config, Results(numbers, {}))),
     )
     return Results(
         {**plain, "notes": list(_notes(config, plain))}, {BANDS: pl.concat(_band_tables(config, bands))}, report
     )
 
 
-def files_of(config: Trial, results: Results) -> dict[str, bytes]:
+def files_of(config: TrialRequest, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
     report: TrialReport = results.extra
     return {REPORT: trial_page(report).encode(), **figure_files("figure", plot_trial(report))}
 
 
-def tables(config: Trial, results: Results) -> Iterator[object]:
-    """Statistics of the metrics over the people, one column for each controller."""
+def tables(config: TrialRequest, results: Results) -> Iterator[object]:
+    """Statistics of the metrics over the people, and differences of the controllers from the first one."""
     yield lines_table("Over the people", results.plain["controllers"], list(_rows(config, results.plain)))
+    differences = results.plain["differences"]
+    if differences["controllers"]:
+        head = f"Difference from {differences['reference']}, mean and 95 % interval"
+        yield lines_table(head, differences["controllers"], list(difference_rows(config, results.plain)))
 
 
 def _counts(folder: TrialFolder) -> dict[str, Counts]:
