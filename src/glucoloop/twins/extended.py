@@ -101,7 +101,7 @@ class Days(NamedTuple):
     """Inputs of the samples of a record, and its readings."""
 
     insulin_mU_min: Any
-    """``(samples,)``."""
+    """``(samples,)`` rates of all insulin."""
     meal_min: Any
     carbs_g: Any
     """``(meals,)`` times and carbohydrate of meals; those of 0 g are none."""
@@ -138,19 +138,19 @@ def working_mg_dl(mean_mg_dl: float) -> float:
     return float(np.clip(mean_mg_dl, *_WORKING_MG_DL))
 
 
-class Inputs(NamedTuple):
+class SampleInputs(NamedTuple):
     """Inputs of samples ``(samples, ..., origins)`` in which there are no further readings."""
 
     insulin_mU_min: Any
     moments: Any
-    """``(samples, steps, 3, origins)`` of the meals."""
+    """Moments ``(samples, steps, 3, origins)`` of the meals."""
     appearance_mg_min: Any
-    """Beside the meals: the waves, and what is otherwise known."""
+    """Appearance beside the meals: the waves, and what is otherwise known."""
     clock_min: Any
 
 
-class Fixed(NamedTuple):
-    """What a program of a patient is compiled for."""
+class ProgramKey(NamedTuple):
+    """Structure that a program of a patient is compiled for."""
 
     population: str
     patient: str
@@ -174,18 +174,18 @@ class Linearised(NamedTuple):
     state: Any
     """Extended state ``(states, 1)`` about which they are."""
     transition: Any
-    """``(states, states)``."""
+    """``(states, states)`` transition of a sample."""
     disturbance: Any
     """``(states, 3)`` effect of ``w_1, w_2, w_3``, each in the unit of the noise."""
     readout: Any
-    """``(states,)``."""
+    """``(states,)`` row by which a reading follows."""
     noise: Any
     """``(states, states)`` covariance of the noise of a sample, and the variance of a reading, in units of `w_1`."""
     reading_variance: Any
     predicted: Any
     """``(states, states)`` stationary covariance before a reading."""
     gain: Any
-    """``(states,)``."""
+    """``(states,)`` gain of the filter."""
     unit_mg_min: Any
     """``(3,)`` unit of each disturbance: `w` of 1 is so much [mg/min]."""
     level_mg_min: Any
@@ -228,7 +228,7 @@ class ExtendedPatient:
         )
 
     @classmethod
-    def traced(cls, fixed: Fixed, numbers: Numbers) -> ExtendedPatient:
+    def traced(cls, fixed: ProgramKey, numbers: Numbers) -> ExtendedPatient:
         """The patient of a program, whose numbers are arguments so that another person needs no other program."""
         values = dict(zip(fixed.known, numbers.known, strict=True))
         prior = Prior(fixed.population, fixed.patient, fixed.parameters, numbers.mean, numbers.factor, values)
@@ -246,10 +246,10 @@ class ExtendedPatient:
         return dataclasses.replace(self, prior=dataclasses.replace(self.prior, mean=mean))
 
     @property
-    def fixed(self) -> Fixed:
-        """What a program is compiled for."""
+    def fixed(self) -> ProgramKey:
+        """Structure that a program is compiled for."""
         prior = self.prior
-        return Fixed(prior.population, prior.patient, prior.parameters, tuple(prior.known), self.steps, self.site)
+        return ProgramKey(prior.population, prior.patient, prior.parameters, tuple(prior.known), self.steps, self.site)
 
     @property
     def numbers(self) -> Numbers:
@@ -408,12 +408,12 @@ class ExtendedPatient:
         return jax.lax.scan(sample, linear.state, jax.tree.map(jnp.asarray, inputs))[1]
 
     def ahead(
-        self, person: Any, p: jax.Array, return_mg_min: Any, mean_mg_dl: Any, states: jax.Array, inputs: Inputs
+        self, person: Any, p: jax.Array, return_mg_min: Any, mean_mg_dl: Any, states: jax.Array, inputs: SampleInputs
     ) -> jax.Array:
         """Glucose ``(samples, origins)`` after each sample from extended states ``(states, origins)`` on."""
         noises = self.noises(p)
 
-        def sample(state: jax.Array, entry: Inputs) -> tuple[jax.Array, jax.Array]:
+        def sample(state: jax.Array, entry: SampleInputs) -> tuple[jax.Array, jax.Array]:
             returning = return_mg_min * (mean_mg_dl - self.glucose_mg_dl(person, state))
             entry = entry._replace(appearance_mg_min=entry.appearance_mg_min + returning)
             state = self.step(person, noises, state, *entry)
@@ -423,7 +423,7 @@ class ExtendedPatient:
 
 
 @functools.lru_cache(maxsize=8)
-def _fall_program(fixed: Fixed) -> Any:
+def _fall_program(fixed: ProgramKey) -> Any:
     @jax.jit
     def fall(p: jax.Array, numbers: Numbers, working_mg_dl: jax.Array) -> jax.Array:
         patient = ExtendedPatient.traced(fixed, numbers)

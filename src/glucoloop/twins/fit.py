@@ -40,7 +40,7 @@ from glucoloop.forecasts.method import origins_of
 from glucoloop.forecasts.usual_day import usual_day
 from glucoloop.patients.population import Population
 from glucoloop.refusal import Refusal
-from glucoloop.twins.extended import Days, ExtendedPatient, Fixed, Inputs, Numbers, days_of_record
+from glucoloop.twins.extended import Days, ExtendedPatient, Numbers, ProgramKey, SampleInputs, days_of_record
 from glucoloop.twins.prior import prior_of
 from glucoloop.units import MU_PER_U
 
@@ -213,7 +213,7 @@ def _apart(origins: npt.NDArray[np.int64]) -> list[int]:
 
 
 @functools.lru_cache(maxsize=8)
-def _program(fixed: Fixed) -> Any:
+def _program(fixed: ProgramKey) -> Any:
     """Forecasts ``(horizons, origins)`` and the logarithm of the fall by 1 U, with their changes by coordinates."""
 
     def forecasts(
@@ -225,7 +225,7 @@ def _program(fixed: Fixed) -> Any:
         moments = patient.moments(person, days)
         states = patient.filtered(person, p, linear, days, moments)
         at = jnp.minimum(origins + jnp.arange(1, _HORIZONS[-1] + 1)[:, None], len(days.reading_mg_dl) - 1)
-        inputs = Inputs(
+        inputs = SampleInputs(
             insulin_mU_min=future_mU_min[at],
             moments=jnp.moveaxis(moments[at, ..., 0], 1, -1),
             appearance_mg_min=(days.waves @ linear.level_mg_min)[at],

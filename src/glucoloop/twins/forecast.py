@@ -15,7 +15,7 @@ from glucoloop.units import MU_PER_U
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values
-    from glucoloop.twins.extended import Days, ExtendedPatient, Fixed, Numbers
+    from glucoloop.twins.extended import Days, ExtendedPatient, Numbers, ProgramKey
     from glucoloop.twins.fit import Mode
 
 _TOGETHER: Final = 256
@@ -107,8 +107,8 @@ class _Programs:
 
 
 @functools.lru_cache(maxsize=8)
-def _programs(fixed: Fixed) -> _Programs:
-    from glucoloop.twins.extended import Days, ExtendedPatient, Inputs
+def _programs(fixed: ProgramKey) -> _Programs:
+    from glucoloop.twins.extended import Days, ExtendedPatient, SampleInputs
 
     @jax.jit
     def filtered(p: jax.Array, numbers: Numbers, days: Days) -> Any:
@@ -121,7 +121,7 @@ def _programs(fixed: Fixed) -> _Programs:
     @jax.jit
     def ahead(p: jax.Array, numbers: Numbers, back: Any, states: jax.Array, inputs: tuple[Any, ...]) -> jax.Array:
         patient = ExtendedPatient.traced(fixed, numbers)
-        return patient.ahead(patient.person(p), p, back[0], back[1], states, Inputs(*inputs))
+        return patient.ahead(patient.person(p), p, back[0], back[1], states, SampleInputs(*inputs))
 
     @functools.partial(jax.jit, static_argnums=2)
     def moments(p: jax.Array, numbers: Numbers, samples: int) -> jax.Array:

@@ -47,7 +47,7 @@ _BEFORE: Final = 12
 
 
 @dataclass(frozen=True)
-class Check:
+class HorizonCheck:
     """Forecasts of the days held out at one horizon, beside the mean of the earlier readings."""
 
     horizon: str
@@ -66,7 +66,7 @@ class Check:
         return 100.0 * float(self.errors.covered.mean())
 
     def row(self) -> dict[str, Any]:
-        """Plain values."""
+        """Plain values of the check."""
         return {
             "horizon": self.horizon,
             "readings": int(self.errors.t_min.size),
@@ -84,8 +84,8 @@ class Twin:
     mode: Mode
     record: GriddedRecord
     held_out_days: int
-    checks: tuple[Check, ...]
-    """At each horizon, and of the day from midnight last; none without days held out."""
+    checks: tuple[HorizonCheck, ...]
+    """Checks at each horizon, and of the day from midnight last; none without days held out."""
     day: ForecastErrors
     """Forecasts from midnight of the days held out, or of the last days that were used."""
 
@@ -330,7 +330,7 @@ def find_twin(
         for method in (banded, *(METHODS.choose(name).fit(training) for name in ("mean", "time-of-day")))
     )
     checks = tuple(
-        Check(horizon, of_horizon, _rmse(by_mean[horizon]), _rmse(by_time_of_day[horizon]))
+        HorizonCheck(horizon, of_horizon, _rmse(by_mean[horizon]), _rmse(by_time_of_day[horizon]))
         for horizon, of_horizon in errors.items()
         if of_horizon.t_min.size
     )

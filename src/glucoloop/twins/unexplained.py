@@ -22,7 +22,15 @@ import numpy.typing as npt
 
 from glucoloop.forecasts.grid import GriddedRecord
 from glucoloop.refusal import Refusal
-from glucoloop.twins.extended import EXTRA_STATES, Days, ExtendedPatient, Fixed, Linearised, Numbers, days_of_record
+from glucoloop.twins.extended import (
+    EXTRA_STATES,
+    Days,
+    ExtendedPatient,
+    Linearised,
+    Numbers,
+    ProgramKey,
+    days_of_record,
+)
 
 Values = npt.NDArray[np.float64]
 
@@ -89,7 +97,7 @@ def _smoothed(linear: Linearised, signal: Values) -> Values:
 
 
 @functools.lru_cache(maxsize=8)
-def _linearised(fixed: Fixed) -> Any:
+def _linearised(fixed: ProgramKey) -> Any:
     @jax.jit
     def linearised(p: jax.Array, numbers: Numbers, working_mg_dl: jax.Array) -> Linearised:
         patient = ExtendedPatient.traced(fixed, numbers)
@@ -99,7 +107,7 @@ def _linearised(fixed: Fixed) -> Any:
 
 
 @functools.lru_cache(maxsize=8)
-def _simulation(fixed: Fixed) -> Any:
+def _simulation(fixed: ProgramKey) -> Any:
     """Unexplained appearance, glucose at the sensor, and the controlled one, under disturbances in mg/min."""
 
     @jax.jit
