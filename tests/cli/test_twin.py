@@ -32,7 +32,7 @@ def test_a_replay_needs_a_twin(refused, tmp_path):
 @pytest.mark.long
 def test_from_a_record_to_another_therapy(glucoloop, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    record, truth = lived("hovorka-2004", "boiroux2017", 2002, days=6)
+    record, truth = lived("hovorka-2004", "boiroux2017", 900, days=6)  # within the range of the sensor
     record.write_parquet("Doe_Jane.parquet")
     weight = str(truth["weight_kg"])
     twin = glucoloop(

@@ -370,25 +370,43 @@ class ExtendedPatient:
         return Linearised(state, A, G, c, noise, variance, predicted, gain, unit, b, returning, fall)
 
     def disturbed(
-        self, person: Any, p: jax.Array, linear: Linearised, days: Days, moments: jax.Array, w_mg_min: jax.Array
-    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        self,
+        person: Any,
+        p: jax.Array,
+        linear: Linearised,
+        days: Days,
+        moments: jax.Array,
+        w_mg_min: jax.Array,
+        feedback_mg_min: Any,
+    ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
         """Unexplained appearance, glucose at the sensor and the controlled one after each sample, ``(samples,)`` each.
 
-        They follow from the disturbances ``(samples, 3)``, without any reading.
+        They follow from the disturbances ``(samples, 3)``, the last of what is handed back, without the filter. A
+        feedback adds so much to `w_2` for each mg/dl by which the last reading was above the glucose.
         """
         noises = self.noises(p)
-        inputs = (days.insulin_mU_min, moments, days.waves @ linear.level_mg_min, w_mg_min, _clock(days))
+        inputs = (
+            days.insulin_mU_min,
+            moments,
+            days.waves @ linear.level_mg_min,
+            w_mg_min,
+            days.reading_mg_dl,
+            _clock(days),
+        )
 
-        def sample(state: jax.Array, entry: Any) -> tuple[jax.Array, Any]:
-            insulin, of_sample, appearance, w, clock = entry
+        def sample(carry: tuple[jax.Array, jax.Array], entry: Any) -> tuple[tuple[jax.Array, jax.Array], Any]:
+            (state, missed), (insulin, of_sample, appearance, w, reading, clock) = carry, entry
+            w = w.at[1].add(feedback_mg_min * missed)
             appearance = appearance + linear.return_mg_min * (days.mean_mg_dl - self.glucose_mg_dl(person, state))
             unexplained = appearance + self._followed(noises, state, w)[0]
             state = self.step(person, noises, state, insulin, of_sample, appearance, clock, w)
-            glucose = person.glucose_mg_dl(state[:-EXTRA_STATES])
-            return state, (unexplained[0], self.glucose_mg_dl(person, state)[0], glucose[0])
+            seen, glucose = self.glucose_mg_dl(person, state)[0], person.glucose_mg_dl(state[:-EXTRA_STATES])[0]
+            missed = jnp.where(jnp.isfinite(reading), reading - seen, 0.0)
+            return (state, missed), (unexplained[0], seen, glucose, w)
 
-        result: tuple[jax.Array, jax.Array, jax.Array]
-        _, result = jax.lax.scan(sample, linear.state, jax.tree.map(jnp.asarray, inputs))
+        start = (linear.state, jnp.zeros(()))
+        result: tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+        _, result = jax.lax.scan(sample, start, jax.tree.map(jnp.asarray, inputs))
         return result
 
     def filtered(self, person: Any, p: jax.Array, linear: Linearised, days: Days, moments: jax.Array) -> jax.Array:

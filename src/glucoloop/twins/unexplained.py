@@ -1,8 +1,13 @@
 """Unexplained appearance of glucose in a record, with which the equations of a person give the record again.
 
-The disturbances of `twins.extended` are smoothed over the whole record: the gain of the stationary filter forwards, its
-adjoint backwards, on the equations linearised about the steady state. What the linearised equations miss is smoothed
-again on the difference between the readings and the simulated glucose (Gauss and Newton), a few times.
+The most likely disturbances ``w`` of `twins.extended` minimise::
+
+    sum |w|²  +  sum (reading - glucose(w))² / variance of a reading
+
+They are found by Gauss and Newton: the difference between readings and simulated glucose is smoothed on the equations
+linearised about the steady state, by the gain of the stationary filter forwards and its adjoint backwards, and a step
+is shortened until the sum falls. The search begins where a proportional feedback on the readings, through `w_2`, keeps
+the simulation near them, however wrong the sensitivity to insulin is.
 
 References
 ----------
@@ -20,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.forecasts.grid import GriddedRecord
+from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord
 from glucoloop.refusal import Refusal
 from glucoloop.twins.extended import (
     EXTRA_STATES,
@@ -34,9 +39,24 @@ from glucoloop.twins.extended import (
 
 Values = npt.NDArray[np.float64]
 
-_SMOOTHINGS: Final = 20
-_RELAXED: Final = 0.7
-"""Part of each step that is made, since the equations are not linear."""
+_SMOOTHINGS: Final = 12
+_HALVINGS: Final = 6
+_SETTLED: Final = 1e-3
+"""Relative fall of the sum below which the search has ended."""
+_RESPONSE: Final = 72
+"""Samples, 6 h, within which a disturbance has its largest effect."""
+_FOLLOWING_MIN: Final = 30.0
+"""Time constant with which the feedback of the start follows the readings."""
+
+
+class _Simulated(NamedTuple):
+    """Simulation under disturbances, of all samples."""
+
+    unexplained_mg_min: Values
+    seen_mg_dl: Values
+    glucose_mg_dl: Values
+    w_mg_min: Values
+    """``(samples, 3)`` disturbances with the feedback, where there is any."""
 
 
 class Explained(NamedTuple):
@@ -54,16 +74,41 @@ def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_m
     """Unexplained appearance of a record for a person with coordinates; Refusal for one who cannot be."""
     days = days_of_record(record, mean_mg_dl)
     linear = Linearised(*map(np.asarray, _linearised(patient.fixed)(p, patient.numbers, days.working_mg_dl)))
-    simulate = _simulation(patient.fixed)
-    w = np.zeros((days.reading_mg_dl.size, linear.disturbance.shape[1]))
-    for _ in range(_SMOOTHINGS):
-        _, seen, _ = map(np.asarray, simulate(p, patient.numbers, days, w * linear.unit_mg_min))
-        w = w + _RELAXED * (_smoothed(linear, days.reading_mg_dl - seen + _response(linear, w)) - w)
-    unexplained, _, glucose = map(np.asarray, simulate(p, patient.numbers, days, w * linear.unit_mg_min))
-    if not np.isfinite(glucose).all():
+    simulate, readings = _simulation(patient.fixed), days.reading_mg_dl
+    there = np.isfinite(readings)
+
+    def simulated(w: Values, feedback: float = 0.0) -> _Simulated:
+        arguments = (days, w * linear.unit_mg_min, feedback * linear.unit_mg_min[1])
+        return _Simulated(*map(np.asarray, simulate(p, patient.numbers, *arguments)))
+
+    def cost(w: Values, result: _Simulated) -> float:
+        total = float((w**2).sum() + ((readings - result.seen_mg_dl)[there] ** 2).sum() / linear.reading_variance)
+        return total if np.isfinite(total) else np.inf
+
+    pulse = np.zeros((_RESPONSE, 3))
+    pulse[0, 1] = 1.0
+    rise_mg_dl = float(_response(linear, pulse).max())
+    start = simulated(np.zeros((readings.size, 3)), SAMPLE_MIN / (_FOLLOWING_MIN * rise_mg_dl))
+    w = start.w_mg_min / linear.unit_mg_min
+    here = simulated(w)
+    total = cost(w, here)
+    if not np.isfinite(total):
         raise Refusal("the equations of the twin cannot give this record; find the twin again from these days")
+    for _ in range(_SMOOTHINGS):
+        step, part = _smoothed(linear, readings - here.seen_mg_dl + _response(linear, w)) - w, 1.0
+        for _ in range(_HALVINGS):
+            tried = simulated(w + part * step)
+            new = cost(w + part * step, tried)
+            if new < total:
+                break
+            part *= 0.5
+        else:
+            break
+        fallen, w, here, total = 1.0 - new / total, w + part * step, tried, new
+        if fallen < _SETTLED:
+            break
     samples = record.reading_mg_dl.size
-    return Explained(unexplained[:samples], glucose[:samples], linear.state[:-EXTRA_STATES, 0])
+    return Explained(here.unexplained_mg_min[:samples], here.glucose_mg_dl[:samples], linear.state[:-EXTRA_STATES, 0])
 
 
 def _response(linear: Linearised, w: Values) -> Values:
@@ -108,13 +153,15 @@ def _linearised(fixed: ProgramKey) -> Any:
 
 @functools.lru_cache(maxsize=8)
 def _simulation(fixed: ProgramKey) -> Any:
-    """Unexplained appearance, glucose at the sensor, and the controlled one, under disturbances in mg/min."""
+    """Program of `ExtendedPatient.disturbed`."""
 
     @jax.jit
-    def simulated(p: jax.Array, numbers: Numbers, days: Days, w_mg_min: jax.Array) -> Any:
+    def simulated(p: jax.Array, numbers: Numbers, days: Days, w_mg_min: jax.Array, feedback: jax.Array) -> Any:
         patient = ExtendedPatient.traced(fixed, numbers)
         person = patient.person(p)
         linear = patient.linearised(person, p, days.working_mg_dl)
-        return patient.disturbed(person, p, linear, days, patient.moments(person, days), jnp.asarray(w_mg_min))
+        return patient.disturbed(
+            person, p, linear, days, patient.moments(person, days), jnp.asarray(w_mg_min), feedback
+        )
 
     return simulated
