@@ -10,9 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import glucoloop as gl
+from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError
+from glucoloop.control import Decision, Status
 from glucoloop.meals import Ingestion, rescue_carbs
-from glucoloop.pumps import LimitedPump
+from glucoloop.pumps import DoseLimits, LimitedPump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor
 from glucoloop.simulation.stepper import scenario_stepper
@@ -150,3 +152,33 @@ def test_its_metric_counts_what_is_eaten():
 def test_it_is_a_pytree_of_numbers():
     leaves = jax.tree.leaves(rescue_carbs())
     assert len(leaves) == 4
+
+
+@pytree
+class Repeats:
+    """A controller whose rate is high, and tells the carbohydrate of which it was told."""
+
+    sample_time_min: float = static(default=5.0)
+
+    def init(self, observation):
+        return jnp.zeros_like(observation.glucose_mg_dl)
+
+    def step(self, state, observation):
+        told = 0.0 if observation.rescue_carbs_g is None else observation.rescue_carbs_g
+        rate = jnp.full_like(observation.glucose_mg_dl, 30.0) + told
+        return state, Decision(insulin_mU_min=rate, status=jnp.asarray(int(Status.OK)))
+
+
+def test_what_was_eaten_is_told_once_at_the_next_sample_or_not_at_all():
+    patient = gl.patient("hovorka-2004")
+    pump = LimitedPump(limits=DoseLimits(max_change_mU_min=100.0, max_mU_min=100.0))
+
+    def of(told):
+        scenario = gl.Scenario([], 300.0, rescue=rescue_carbs(told=told))
+        return gl.simulate(patient, Repeats(), pump=pump, scenario=scenario)
+
+    trace = of(True)
+    eaten = np.asarray(trace.rescue_g)
+    assert np.count_nonzero(eaten) > 1
+    np.testing.assert_array_equal(trace.command_mU_min, 30.0 + np.r_[0.0, eaten[:-1]])
+    np.testing.assert_array_equal(of(False).command_mU_min, 30.0)

@@ -181,7 +181,7 @@ class Situation(Component):
 
     patient: Annotated[
         PatientComponent,
-        _patient("Patient; pump, model and tuning are by default those usual for it.", default=DEFAULT_PATIENT.name),
+        _patient("Patient; pump, model and tuning are by default those of the patient.", default=DEFAULT_PATIENT.name),
     ] = by_default(DEFAULT_PATIENT)
     setpoint_mg_dl: Annotated[
         float | None,
@@ -226,7 +226,7 @@ class Situation(Component):
     pump: Annotated[
         PumpComponent,
         _sensor(
-            "Pump: limited, resolution or expiring, with its limits; by default those usual for the patient.",
+            "Pump: limited, resolution or expiring, with its limits; by default those of the patient.",
             default=PUMPS.default,
         ),
     ] = by_default(PUMPS[PUMPS.default])
