@@ -16,6 +16,7 @@ from glucoloop.build.surroundings import record_sensor
 from glucoloop.build.titration import profile_of
 from glucoloop.control import Controller, Guard, GuardSettings, guarded, paced
 from glucoloop.control.part import ControllerComponent
+from glucoloop.control.scheduled import scheduled
 from glucoloop.identification import FirstOrderModel, Identification
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
@@ -178,7 +179,7 @@ def design_of(
         guarded_one = with_guard(acting, case.guard, situation.limits)
         if isinstance(guarded_one, Guard) and profile is not None:
             guarded_one = guarded_one.limited_by(profile)
-        return paced(guarded_one, loop_min)
+        return paced(with_schedule(guarded_one, situation, design.profile), loop_min)
 
     return designed
 
@@ -242,6 +243,12 @@ def with_actions(controller: Controller, situation: Situation, profile: Profile 
             warm_up_min=situation.warm_up_min,
         )
     return controller
+
+
+def with_schedule(controller: Controller, situation: Situation, profile: Profile) -> Controller:
+    """A controller by the clock, where the situation has a therapy by the time of day."""
+    schedule = situation.schedule
+    return scheduled(controller, schedule, profile) if schedule.changes else controller
 
 
 def with_guard(
