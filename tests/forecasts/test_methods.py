@@ -18,7 +18,7 @@ from glucoloop.refusal import Refusal
 from naming import naming
 
 DAYS = 7
-EVERY = (*METHODS.names(), "loop-like, fitted=true", "kalman, individual=false")
+EVERY = (*(name for name in METHODS.names() if name != "twin"), "loop-like, fitted=true", "kalman, individual=false")
 QUICK = tuple(text for text in EVERY if text != "kalman")
 
 

@@ -310,7 +310,7 @@ ALWAYS_OF_STUDIES = {
     "searches": """ranges seeds top guards loops person nonsense sample_times_min precisions errors_pct hold_min
         stuck_times generations sequences search_seed starts estimators threshold estimates_by""",
     "hil": "form chip real_time power_cuts hangs damaged lost doubled late outages",
-    "records and twins": """files most_days basal_U_h weight_kg held_out_days twin draws carry periods labels
+    "records and twins": """files most_days basal_U_h weight_kg held_out_days twin draws periods labels
         file_names reader dates glucose_unit time_zone columns file_units device person_column scans goals""",
     "identify": """amplitude_mU_min samples data method max_gap_min basal_insulin_mU_min not_from_rest memory
         laguerre_pole best_pole laguerre_functions""",
