@@ -33,6 +33,7 @@ CHOSEN_ON = 8
 EVERY = (
     "kalman",
     "kalman, individual=false",
+    "twin",
     "ridge",
     "loop-like, fitted=true",
     "loop-like",

@@ -17,6 +17,7 @@ EXTRAS: Final = {
     "optuna": "search",
     "python_calamine": "xlsx",
     "simglucose": "uva",
+    "stable_baselines3": "rl",
 }
 """Extra of ``pyproject.toml`` that installs a package."""
 

@@ -14,6 +14,8 @@ The exponential curve of action is that of D. Maksimovic (2017), which oref0 (`l
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 from typing import Any, Final, NamedTuple
 
 from glucoloop._lazy_jax import jax, jnp
@@ -46,6 +48,10 @@ class Profile:
     """Fall of glucose by 1 U."""
     weight_kg: Any = None
     total_daily_dose_U: Any = None
+    past_basal_mU_min: Any = None
+    """Basal rate of a schedule that held since the last sample; None where the basal rate is constant."""
+    max_daily_basal_mU_min: Any = None
+    """Largest basal rate of the day of a schedule; None where the basal rate is constant."""
 
     def daily_dose_U(self) -> jax.Array:
         """Total daily dose; where it is not known, twice the daily basal dose."""
@@ -76,6 +82,92 @@ class Profile:
 def _known(value: Any, otherwise: jax.Array) -> jax.Array:
     """A value where it is known, and another one elsewhere."""
     return otherwise if value is None else jnp.where(jnp.isnan(value), otherwise, value)
+
+
+class TherapyChange(NamedTuple):
+    """A number of a therapy in some hours of each day: a value, or a factor on what holds without it."""
+
+    field: str
+    """``basal_mU_min``, ``carb_ratio_g_U``, ``correction_mg_dl_U`` or `TARGET`."""
+    from_min: float
+    """Time of day at which it begins."""
+    to_min: float
+    """Time of day at which it ends, on the next day if that is not later; 0 and 1440 are the whole day."""
+    value: float | None = None
+    """The value, or None for a factor."""
+    factor: float = 1.0
+
+    def holds(self, time_of_day_min: float) -> bool:
+        """Whether it holds at a time of day."""
+        if self.from_min < self.to_min:
+            return self.from_min <= time_of_day_min < self.to_min
+        return time_of_day_min >= self.from_min or time_of_day_min < self.to_min
+
+
+TARGET: Final = "target_mg_dl"
+"""Field of a change of the target, which is no part of a profile."""
+
+
+class Schedule(NamedTuple):
+    """Therapy by the time of day: changes of a profile, of which later ones act on what earlier ones leave."""
+
+    changes: tuple[TherapyChange, ...] = ()
+
+    def starts_min(self, sample_time_min: float = 0.0) -> tuple[float, ...]:
+        """Times of day from which each segment holds, the first of them 0.
+
+        The first sample of each new segment is one of its own, since another basal rate held before it.
+        """
+        ends = {time % MIN_PER_DAY for change in self.changes for time in (change.from_min, change.to_min)}
+        after = {(end + sample_time_min) % MIN_PER_DAY for end in ends} if self.varies("basal_mU_min") else set()
+        return tuple(sorted({0.0, *ends, *after}))
+
+    def varies(self, field: str) -> bool:
+        """Whether any change concerns a field."""
+        return any(change.field == field for change in self.changes)
+
+    def value(self, field: str, own: Any, time_of_day_min: float, *, values_alone: bool = False) -> Any:
+        """Value of a field at a time of day, from that without the schedule; `values_alone` leaves factors out."""
+        for change in self.changes:
+            if change.field == field and change.holds(time_of_day_min % MIN_PER_DAY):
+                if change.value is not None:
+                    own = change.value + jnp.zeros_like(jnp.asarray(own))
+                elif not values_alone:
+                    own = own * change.factor
+        return own
+
+    def profiles(self, profile: Profile, sample_time_min: float) -> tuple[Profile, ...]:
+        """Profile of each segment, whose daily dose is that of all segments.
+
+        Factors on the basal rate, as of an override, do not change the daily dose from which unknown ratios follow.
+        """
+        starts, basal = self.starts_min(sample_time_min), profile.basal_mU_min
+        changes: dict[str, Any] = {}
+        if self.varies("basal_mU_min"):
+            minutes = [end - start for start, end in itertools.pairwise((*starts, MIN_PER_DAY))]
+            rates = [self.value("basal_mU_min", basal, start, values_alone=True) for start in starts]
+            # in this form the mean of equal rates is that rate, to the bit
+            mean = rates[0] + sum((r - rates[0]) * t for r, t in zip(rates, minutes, strict=True)) / MIN_PER_DAY
+            by_mean = dataclasses.replace(profile, basal_mU_min=mean)
+            highest = [jnp.asarray(self.value("basal_mU_min", basal, start)) for start in starts]
+            changes["max_daily_basal_mU_min"] = functools.reduce(jnp.maximum, highest)
+            profile = dataclasses.replace(profile, total_daily_dose_U=by_mean.daily_dose_U())
+        if self.varies("carb_ratio_g_U"):
+            profile = dataclasses.replace(profile, carb_ratio_g_U=profile.carb_ratio())
+        if self.varies("correction_mg_dl_U"):
+            profile = dataclasses.replace(profile, correction_mg_dl_U=profile.correction_factor())
+
+        def at(start: float) -> Profile:
+            fields = [field for field in _SCHEDULED if self.varies(field)]
+            now = {field: self.value(field, getattr(profile, field), start) for field in fields}
+            if "basal_mU_min" in now:
+                now["past_basal_mU_min"] = self.value("basal_mU_min", basal, start - sample_time_min)
+            return dataclasses.replace(profile, **changes, **now)
+
+        return tuple(map(at, starts))
+
+
+_SCHEDULED: Final = ("basal_mU_min", "carb_ratio_g_U", "correction_mg_dl_U")
 
 
 def given_profile(controller: Any, profile: Profile) -> Any:

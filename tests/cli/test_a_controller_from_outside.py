@@ -37,6 +37,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
     [
         (("--controller", "nobody"), "unknown controller 'nobody'; the known ones are: mpc, mpc-se"),
         (("--controller", "no_such_module:X"), "no_such_module cannot be imported: ModuleNotFoundError"),
+        (("--controller", "no_such_module:X"), "check its name, and that it is installed for this Python or lies in"),
         (("--controller", "your_own_controller:NO"), "your_own_controller has no NO; name what it defines"),
         (
             ("--controller", "your_own_controller:Observation"),

@@ -22,10 +22,10 @@ def test_a_kind_is_listed_alone(glucoloop, kind):
     assert {part["kind"] for part in told} == {"fault"}
 
 
-def test_one_part_is_told_with_its_settings_their_units_bounds_and_usual_values(glucoloop):
+def test_one_part_is_told_with_its_settings_their_units_bounds_and_defaults(glucoloop):
     [told] = glucoloop("list", "mpc", "--json").json["parts"]
     horizon = next(setting for setting in told["settings"] if setting["name"] == "prediction_horizon")
-    assert horizon["usual"] == {"": 8, "with noise": 10, "under the skin": 0}
+    assert horizon["default"] == {"": 8, "with noise": 10, "under the skin": 0}
     assert horizon["possible"] == "a whole number from 0 to 288"
     text = glucoloop("list", "lag").out
     assert "lag_min = 10   (a number above 0 min and up to 120 min, or one in h, s or d)" in text

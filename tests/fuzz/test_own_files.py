@@ -33,6 +33,7 @@ from glucoloop.studies.record_report.sources import _table_of
 from glucoloop.studies.replay import twin_values
 from glucoloop.text import is_printable
 from glucoloop.trials.folder import TrialOrigin
+from glucoloop.twins.extended import NOISES, WAVES
 from glucoloop.twins.stored import StoredTwin
 
 SRC = Path(gl.__file__).parent
@@ -54,6 +55,7 @@ DOORS = {
     "records/user_files.py": "parts of an archive from a door, of a bounded size",
     "records/web_request.py": "answers of a site, of a bounded size and time",
     "_disk_cache.py": "a private folder, with a digest for each entry",
+    "_kept_programs.py": "entries of that folder",
     "component/code.py": "digests of code",
     "trials/query.py": "a scratch folder of this process, and /proc",
     "firmware/hil/link.py": "memory of the device that the build made",
@@ -99,13 +101,21 @@ def test_every_file_is_read_by_a_door():
     assert raw == {*DOORS}
 
 
+COORDINATES = 2 + WAVES + len(NOISES)
 TWIN = {
+    "verdict": "The twin predicts the 2 days held out.",
+    "predicts": True,
     "patient": "hovorka-2004",
-    "posterior": {
+    "population": "boiroux2017",
+    "filter": {
         "parameters": ["S_IT", "EGP_0"],
-        "log_mean": [0.1, -0.2],
-        "log_covariance": [[0.04, 0.01], [0.01, 0.09]],
-        "start": 0.3,
+        "prior_mean": [0.1, -0.2],
+        "prior_factor": [[0.2, 0.0], [0.01, 0.3]],
+        "coordinates": [0.1] * COORDINATES,
+        "covariance": (0.04 * np.eye(COORDINATES)).tolist(),
+        "mean_mg_dl": 140.0,
+        "steps": 2,
+        "site": "interstitial",
     },
     "known": {"weight_kg": 70.0},
     "profile": {"carb_ratio_g_U": 9.0},

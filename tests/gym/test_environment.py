@@ -155,7 +155,7 @@ def test_one_person_is_the_first_of_many():
 
 @pytest.mark.long
 def test_places_that_end_at_different_times_get_the_next_person_and_the_others_go_on():
-    env = vector(4, highest_mg_dl=190.0, patient="hovorka-2004", sensor=["ideal"], people=300)
+    env = vector(4, lowest_mg_dl=10.0, highest_mg_dl=190.0, patient="hovorka-2004", sensor=["ideal"], people=300)
     _, info = env.reset(seed=1)
     low = np.zeros((4, 2))
     low[0, 1] = 6.0  # enough insulin to stay below the bound
@@ -253,8 +253,11 @@ def test_a_dose_that_is_no_number_is_the_least_of_the_pump_and_none_exceeds_its_
     [
         ({"controller": ["pid"]}, "controller is no setting of an environment: the agent takes the place"),
         ({"warm_up_min": 60.0}, "warm_up_min is no setting of an environment"),
-        ({"reward": "best"}, "unknown reward 'best'; the known ones are: magni-risk, risk-change, time-in-range"),
-        ({"lowest_mg_dl": 700.0}, "glucose from 700 to 600 mg/dl is no range"),
+        (
+            {"reward": "best"},
+            "unknown reward 'best'; the known ones are: bounded-risk, magni-risk, risk-change, time-in-range",
+        ),
+        ({"lowest_mg_dl": 700.0, "highest_mg_dl": 600.0}, "glucose from 700 to 600 mg/dl is no range"),
         ({"patient": "nobody"}, "nobody"),
         ({"days": 1}, "days"),
         ({"glucose": 1}, "glucose"),

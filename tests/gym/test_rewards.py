@@ -44,6 +44,15 @@ def test_every_reward_is_a_number_for_any_glucose(before, after):
 def test_ending_early_is_never_worth_it():
     worst_day = 288 * magni_risk(np.array(10.0))
     assert REWARDS["magni-risk"].termination > 0.8 * worst_day
+    assert REWARDS["bounded-risk"].each_step_left == 1.0  # no step has less
+
+
+@given(before=GLUCOSE, after=GLUCOSE)
+def test_a_step_of_the_default_reward_is_between_its_bounds_and_has_no_cliff(before, after):
+    reward = REWARDS["bounded-risk"].of_step
+    values = [reward(np.array([before]), np.array([glucose]))[0] for glucose in (after, after + 0.1)]
+    assert all(-1.0 <= value <= 0.0 for value in values)
+    assert abs(values[1] - values[0]) < 0.01
 
 
 def test_a_function_is_a_reward():

@@ -85,7 +85,7 @@ def test_native_code_a_single_run_and_a_stepper_go_through_the_same_numbers():
 
     run = configured(Run, KEYS, **MEALS, announce_before_min=17.0)
     controller, surroundings, scenario = controller_of(run, run.case), surroundings_of(run), run.as_scenario()
-    at_once = simulate(run.nominal, controller, surroundings.sensor, surroundings.pump, scenario, key=0)
+    at_once = simulate(run.nominal, controller, surroundings.sensor, surroundings.pump, scenario)
     stepper = scenario_stepper(
         run.nominal, surroundings.sensor, surroundings.pump, scenario, sample_time_min=5.0, key=0
     )
@@ -110,6 +110,6 @@ def test_a_bolus_before_eating_keeps_the_peak_lower():
         scenario = Scenario(
             [Meal(45.0, 62.0), Meal(60.0, 300.0)], 600.0, announced=True, announced_before_min=before_min
         )
-        trace = simulate(run.nominal, controller, surroundings.sensor, surroundings.pump, scenario, key=0)
+        trace = simulate(run.nominal, controller, surroundings.sensor, surroundings.pump, scenario)
         peaks.append(float(np.max(trace.fine_glucose_mg_dl)))
     assert peaks[0] - 5.0 > peaks[1] > peaks[2] + 5.0

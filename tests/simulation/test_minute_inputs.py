@@ -341,3 +341,20 @@ def test_many_people_of_a_library_user_have_rhythms_of_their_own():
     assert 0 < high.sum() < 6
     np.testing.assert_array_less(changed[high], 0.01)  # the one integrator for the other
     assert np.all(changed[~high] > 1.0)
+
+
+def test_an_added_appearance_is_as_one_of_meals():
+    patient = gl.patient("hovorka-2004")
+    plant = plant_with(patient, 1, SampleGrid(5.0, 1))
+    x, basal = patient.steady_state(patient.basal_insulin_mU_min), jnp.asarray(patient.basal_insulin_mU_min)
+    by_meal = plant.step(x, jnp.zeros(()), basal, jnp.array([200.0, 0.0, 0.0]))
+    by_input = plant.step(x, jnp.zeros(()), basal, jnp.zeros(3), MinuteInputs(appearance_mg_min=200.0))
+    np.testing.assert_allclose(by_input, by_meal, rtol=1e-14)
+    assert patient.glucose_mg_dl(by_input) > patient.glucose_mg_dl(x)
+
+
+def test_the_appearance_of_people_is_held_over_each_sample():
+    values = np.arange(6.0).reshape(3, 2)
+    inputs = PeopleMinuteInputs(SampleGrid(5.0, 3), None, (), 0, [0, 1], values)
+    assert inputs.names == ("appearance_mg_min",)
+    np.testing.assert_array_equal(inputs.of(slice(1, 3)).appearance_mg_min, np.repeat(values[1:, None], 5, axis=1))

@@ -25,7 +25,7 @@ from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.physiology import RHYTHMS
 from glucoloop.pumps import PUMPS
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import SENSORS
+from glucoloop.sensors import SENSORS, DeadTime, Lag
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.unused import without_effect
@@ -264,6 +264,18 @@ def test_every_setting_of_a_scenario_has_an_effect_or_is_told_to_have_none(patie
         assert [warning.filename for warning in warned] == [__file__], settings
 
 
+def test_a_key_where_nothing_is_drawn_is_noted(patient_81):
+    scenario = gl.Scenario([gl.Meal(50.0, 10.0)], 30.0)
+    for sensor in (None, Lag(inner=DeadTime(minutes=5.0))):
+        with pytest.warns(NoEffectWarning, match="key has no effect: nothing is drawn at random") as warned:
+            gl.simulate(patient_81, gl.design_open_loop(), sensor, scenario=scenario, key=1)
+        assert [warning.filename for warning in warned] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gl.simulate(patient_81, gl.design_open_loop(), scenario=scenario)
+        gl.simulate(patient_81, gl.design_open_loop(), gl.white_noise(1.45), scenario=scenario, key=1)
+
+
 def test_what_a_patient_a_rhythm_or_a_controller_uses_is_not_noted(patient_81, script):
     rhythm = gl.rhythm("dawn")
     hovorka = gl.patient("hovorka-2004")
@@ -298,7 +310,7 @@ ALWAYS_OF_STUDIES = {
     "searches": """ranges seeds top guards loops person nonsense sample_times_min precisions errors_pct hold_min
         stuck_times generations sequences search_seed starts estimators threshold estimates_by""",
     "hil": "form chip real_time power_cuts hangs damaged lost doubled late outages",
-    "records and twins": """files most_days basal_U_h weight_kg held_out_days twin draws carry periods labels
+    "records and twins": """files most_days basal_U_h weight_kg held_out_days twin draws periods labels
         file_names reader dates glucose_unit time_zone columns file_units device person_column scans goals""",
     "identify": """amplitude_mU_min samples data method max_gap_min basal_insulin_mU_min not_from_rest memory
         laguerre_pole best_pole laguerre_functions""",

@@ -10,7 +10,7 @@ import shutil
 
 import pytest
 
-from glucoloop.schema.parquet_size import parquet_size
+from glucoloop.schema.tables import parquet_size
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder

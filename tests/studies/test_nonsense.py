@@ -106,7 +106,7 @@ def test_a_guard_that_believes_a_report_of_too_little_is_found(monkeypatch):
     result = found(nonsense=20_000, controllers=("basal-bolus",), patient="hovorka-2004")
     assert result["violations"][CAPS] > 0
     [arm] = result["arms"]
-    alone = found(nonsense=1, controllers=("basal-bolus",), patient="hovorka-2004", person=arm["told"][CAPS][0])
+    alone = found(nonsense=1, controllers=("basal-bolus",), patient="hovorka-2004", person=arm["examples"][CAPS][0])
     assert alone["violations"][CAPS] == 1
 
 
@@ -142,6 +142,6 @@ def test_a_guard_that_allows_more_than_it_should_is_found(monkeypatch):
     assert not result["holds"]
     assert sum(told) == arm["loops"] == -(-20_000 // NONSENSE_SAMPLES)
     # the same loop alone breaks the same promise
-    [first, *_] = arm["told"][CAPS]
+    [first, *_] = arm["examples"][CAPS]
     alone = found(nonsense=1, controllers=("basal",), person=first)
     assert (alone["samples"], alone["violations"][CAPS]) == (NONSENSE_SAMPLES, 1)

@@ -309,7 +309,7 @@ def test_a_rogue_is_found_and_a_guard_makes_an_honest_controller_of_it(closed):
 
 def test_a_broken_loop_is_closed_again_by_its_person_alone(closed):
     told = {promise: [] for promise in PROMISES}
-    for broken in closed(loops=600)["arms"][0]["told"]:
+    for broken in closed(loops=600)["arms"][0]["examples"]:
         told[broken["promise"]].append(broken)
     assert len(told[promises.COMMAND]) == 10
     broken = told[promises.COMMAND][3]
@@ -317,7 +317,7 @@ def test_a_broken_loop_is_closed_again_by_its_person_alone(closed):
     assert broken["faults"] == circumstances_of("basal", 5, broken["person"])["faults"]
     alone = closed(person=broken["person"])
     assert alone["loops"] == 2
-    again = next(row for row in alone["arms"][0]["told"] if row["promise"] == broken["promise"])
+    again = next(row for row in alone["arms"][0]["examples"] if row["promise"] == broken["promise"])
     assert again == broken
 
 

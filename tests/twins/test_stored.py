@@ -10,16 +10,25 @@ from hypothesis import strategies as st
 from glucoloop import Refusal
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.twins import StoredTwin
+from glucoloop.twins.extended import NOISES, WAVES
 
 PATIENT = "hovorka-2004"
 NAMES = sorted(patient_entry(PATIENT).nominal)[:2]
+COORDINATES = len(NAMES) + WAVES + len(NOISES)
 KEPT = {
     "patient": PATIENT,
-    "posterior": {
+    "population": "boiroux2017",
+    "verdict": "The twin predicts the 2 days held out.",
+    "predicts": True,
+    "filter": {
         "parameters": NAMES,
-        "log_mean": [0.1, -2.0],
-        "log_covariance": [[0.04, 0.01], [0.01, 0.09]],
-        "start": 0.3,
+        "prior_mean": [0.1, -2.0],
+        "prior_factor": [[0.2, 0.0], [0.05, 0.3]],
+        "coordinates": [0.1] * COORDINATES,
+        "covariance": (0.04 * np.eye(COORDINATES)).tolist(),
+        "mean_mg_dl": 140.0,
+        "steps": 2,
+        "site": "interstitial",
     },
     "known": {},
     "profile": {"total_daily_dose_U": 40.0},
@@ -29,9 +38,14 @@ KEPT = {
 
 def test_a_twin_is_read_as_it_was():
     twin = StoredTwin.of(KEPT)
-    assert twin.posterior.parameters == tuple(NAMES)
-    np.testing.assert_allclose(twin.posterior.covariance, KEPT["posterior"]["log_covariance"], rtol=1e-12)
-    assert (twin.start, twin.profile) == (0.3, KEPT["profile"])
+    assert twin.patient.prior.parameters == tuple(NAMES)
+    np.testing.assert_allclose(twin.factor @ twin.factor.T, KEPT["filter"]["covariance"], atol=1e-12)
+    assert (twin.p.tolist(), twin.mean_mg_dl, twin.predicts) == (KEPT["filter"]["coordinates"], 140.0, True)
+
+
+def test_a_twin_of_an_earlier_version_is_to_be_found_again():
+    with pytest.raises(Refusal, match="of an earlier version"):
+        StoredTwin.of({"patient": PATIENT, "posterior": {"parameters": NAMES}, "known": {}})
 
 
 def changed(path, value):
@@ -49,19 +63,20 @@ def changed(path, value):
     [
         ("patient", 1, "patient is 1; it should be a text"),
         ("patient", "nobody", "nobody"),
-        ("posterior.parameters", ["odd", NAMES[0]], "odd"),
-        ("posterior.parameters", NAMES[:1] * 2, "there twice"),
-        ("posterior.parameters", [], "parameters has 0 items"),
-        ("posterior.log_mean", [0.1], "of another size"),
-        ("posterior.log_mean", [0.1, 1e300], "log_mean.1 is 1e\\+300"),
-        ("posterior.log_covariance", [[0.0, 0.0], [0.0, 0.0]], "positive definite"),
-        ("posterior.log_covariance", [[0.04], [0.01, 0.09]], "of another size"),
-        ("posterior.start", float("nan"), "start is nan"),
-        ("posterior", [], "posterior is"),
+        ("filter.parameters", ["odd", NAMES[0]], "odd"),
+        ("filter.parameters", NAMES[:1] * 2, "there twice"),
+        ("filter.parameters", [], "parameters has 0 items"),
+        ("filter.prior_mean", [0.1], "of another size"),
+        ("filter.prior_mean", [0.1, 1e300], "prior_mean.1 is 1e\\+300"),
+        ("filter.covariance", np.zeros((COORDINATES, COORDINATES)).tolist(), "positive definite"),
+        ("filter.covariance", [[0.04], [0.01, 0.09]], "of another size"),
+        ("filter.coordinates", [0.0], "of another size"),
+        ("filter.mean_mg_dl", float("nan"), "mean_mg_dl is nan"),
+        ("filter.steps", 0, "steps is 0"),
+        ("filter", [], "filter is"),
         ("known", {"odd": 1.0}, "odd"),
-        ("profile", {"odd": 1.0}, "a key of profile is 'odd'"),
-        ("profile", {"total_daily_dose_U": -1.0}, "total_daily_dose_U is -1"),
-        ("profile", {"total_daily_dose_U": "\x1b[2J"}, "it should be a finite number"),
+        ("verdict", 3, "verdict is 3"),
+        ("predicts", "\x1b[2J", "predicts is"),
     ],
 )
 def test_what_is_no_twin_is_refused(path, value, told):
@@ -74,7 +89,7 @@ PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=4),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
 )
-PATHS = [*KEPT, *(f"posterior.{name}" for name in KEPT["posterior"])]
+PATHS = [*KEPT, *(f"filter.{name}" for name in KEPT["filter"])]
 
 
 @pytest.mark.long
@@ -85,8 +100,8 @@ def test_any_value_is_read_or_refused(path, value):
         twin = StoredTwin.of(changed(path, value))
     except Refusal:
         return
-    assert np.isfinite(twin.posterior.factor).all()
-    assert np.isfinite(twin.start)
+    assert np.isfinite(twin.patient.prior.factor).all()
+    assert np.isfinite(twin.factor).all()
 
 
 @pytest.mark.parametrize("text", ["", "[", "[]", "null", '{"patient": NaN}', '{"a": 1, "a": 2}', "{}", "\x00"])

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy.typing as npt
 
-from glucoloop.build.designs import paced_situation, with_actions, with_guard
+from glucoloop.build.designs import paced_situation, with_actions, with_guard, with_schedule
 from glucoloop.build.individual import individual_design
 from glucoloop.build.surroundings import Surroundings, surroundings_of
 from glucoloop.build.titration import profile_of
@@ -97,16 +97,17 @@ def own_controllers(
     if not individual:
         return with_profile_of_each(controller)
     inner = dataclasses.replace(case, guard=None, every_min=None)
-    designed = individual_design(paced_situation(situation, case), inner, controller, example)
+    of_case = paced_situation(situation, case)
+    designed = individual_design(of_case.of_controller(), inner, controller, example)
     if designed is None:
         return None
 
     def with_own_guard(people: VirtualPeople) -> Controller:
         # The guard alone is given the basal rate: what is inside was designed for each person already.
         basal = jnp.asarray(people.profile.basal_mU_min)
-        acting = with_actions(designed(people), paced_situation(situation, case), people.profile)
+        acting = with_actions(designed(people), of_case, people.profile)
         own = with_guard(acting, case.guard, situation.limits, basal)
-        return paced(own, situation.sample_time_min)
+        return paced(with_schedule(own, of_case, people.profile), situation.sample_time_min)
 
     return with_own_guard
 

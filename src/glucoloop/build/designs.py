@@ -11,12 +11,12 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._disk_cache import kept_result
 from glucoloop.build.random_keys import record_key
 from glucoloop.build.surroundings import record_sensor
 from glucoloop.build.titration import profile_of
 from glucoloop.control import Controller, Guard, GuardSettings, guarded, paced
 from glucoloop.control.part import ControllerComponent
+from glucoloop.control.scheduled import scheduled
 from glucoloop.identification import FirstOrderModel, Identification
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
@@ -179,7 +179,7 @@ def design_of(
         guarded_one = with_guard(acting, case.guard, situation.limits)
         if isinstance(guarded_one, Guard) and profile is not None:
             guarded_one = guarded_one.limited_by(profile)
-        return paced(guarded_one, loop_min)
+        return paced(with_schedule(guarded_one, situation, design.profile), loop_min)
 
     return designed
 
@@ -191,7 +191,7 @@ def paced_situation(situation: Situation, case: Case) -> Situation:
 
 def nominal_model(situation: Situation, case: Case) -> Identification:
     """The model of a case, identified from the nominal patient; refused if no controller should be designed on it."""
-    result = identified_model(situation, case, situation.nominal, functools.partial(kept_result, identify))
+    result = identified_model(situation, case, situation.nominal)
     reasons = result.doubts()
     if reasons and not situation.allow_unusual:
         identification = case.identified
@@ -212,12 +212,10 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
     return result
 
 
-def identified_model(
-    situation: Situation, case: Case, patient: Patient, identified: Callable[..., Identification] = identify
-) -> Identification:
+def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:
     """The model of a case, identified from the pulse experiment on a patient."""
     identification = case.identified
-    return identified(
+    return identify(
         patient,
         record_sensor(situation, identification.noise_variance or 0.0),
         record_key(situation.seed),
@@ -245,6 +243,12 @@ def with_actions(controller: Controller, situation: Situation, profile: Profile 
             warm_up_min=situation.warm_up_min,
         )
     return controller
+
+
+def with_schedule(controller: Controller, situation: Situation, profile: Profile) -> Controller:
+    """A controller by the clock, where the situation has a therapy by the time of day."""
+    schedule = situation.schedule
+    return scheduled(controller, schedule, profile) if schedule.changes else controller
 
 
 def with_guard(

@@ -51,7 +51,7 @@ def names() -> list[str]:
     return [name for entries in _by_group().values() for name in entries]
 
 
-def program_help() -> str:
+def _program_help() -> str:
     """Help of the program: its commands in groups, a sentence each."""
     lines = ["Usage: glucoloop COMMAND [OPTIONS]", "", *textwrap.wrap(_INTRO, width_of_text()), ""]
     for group, entries in _by_group().items():
@@ -129,7 +129,7 @@ def _prepare_streams() -> None:
 def _carry_out(arguments: Sequence[str]) -> int:
     """Carry out what the arguments ask for; returns the exit code."""
     if not arguments or arguments[0] in _HELP:
-        print_text(program_help(), end="")
+        print_text(_program_help(), end="")
         return 0 if arguments else 2
     if arguments[0] == "--version":
         print_text(f"glucoloop {glucoloop.__version__}")

@@ -124,7 +124,7 @@ def _records(given: Given) -> None:
 
 def _of_people(records: list[DeviceRecord], place: Path | None, given: Given) -> None:
     """Write and describe the records of several people, each in a file of its own; a name may be a person's own."""
-    places = [person_place(place, number) for number in range(1, len(records) + 1)] if place is not None else []
+    places = [_person_place(place, number) for number in range(1, len(records) + 1)] if place is not None else []
     for one in places:
         if one.exists() and not given.get("overwrite"):
             raise Refusal(f"{one} is there already; give another name, or add --overwrite")
@@ -146,7 +146,7 @@ def _of_people(records: list[DeviceRecord], place: Path | None, given: Given) ->
     print_text(written)
 
 
-def person_place(place: Path, number: int) -> Path:
+def _person_place(place: Path, number: int) -> Path:
     """File of the record of one person of several: the one that was named, with the number of the person."""
     return place.with_name(f"{place.stem}-{number}{place.suffix}")
 

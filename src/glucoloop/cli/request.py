@@ -218,6 +218,9 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     for key in ("population", "scenario"):
         if ".toml" in str(plain(results.get(key))):
             results[key] = in_folder(results[key])
+    if isinstance(results.get("therapy"), list):
+        named = (".toml", ".json")
+        results["therapy"] = [in_folder(one) if str(plain(one)).endswith(named) else one for one in results["therapy"]]
     if "model" in results:
         from glucoloop.models.settings import MODELS
 

@@ -29,6 +29,7 @@ HOMES: Final = {
     "fault": "glucoloop.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
     "profile error": "glucoloop.situations.profile_error:PROFILE_ERRORS",
+    "override": "glucoloop.situations.override:OVERRIDES",
     "action": "glucoloop.control.action:ACTIONS",
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",

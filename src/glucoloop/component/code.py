@@ -130,7 +130,15 @@ def loaded(value: str) -> Any:
     except AttributeError:
         raise Refusal(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
     except Exception as error:  # whatever somebody else's module does when it is imported
-        raise Refusal(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
+        if (
+            isinstance(error, ModuleNotFoundError)
+            and error.name is not None
+            and f"{module}.".startswith(f"{error.name}.")
+        ):
+            mend = "check its name, and that it is installed for this Python or lies in this folder"
+        else:
+            mend = f"mend that in the module or what it imports, and try python -c 'import {module}'"
+        raise Refusal(f"{module} cannot be imported: {type(error).__name__}: {error}", mend) from error
     finally:
         if added:
             sys.path.remove(added)

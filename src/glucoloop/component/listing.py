@@ -71,7 +71,7 @@ def _setting(component: type[Component], setting: Setting) -> dict[str, Any]:
         "summary": setting.summary,
         "possible": setting.possible,
         "unit": "" if setting.is_component else setting.unit,
-        "usual": defaults,
+        "default": defaults,
     }
 
 
@@ -101,9 +101,9 @@ def _whole(component: dict[str, Any]) -> Iterator[tuple[str, int]]:
             yield f"  {what} {name}: {summary}", 4
     if "insulin_route" in component:
         yield f"  Route of insulin: {component['insulin_route']}", 4
-        yield f"  Usual: {', '.join(f'{name} {value:g}' for name, value in component['usual'].items())}", 4
+        yield f"  By default: {', '.join(f'{name} {value:g}' for name, value in component['default'].items())}", 4
     for setting in component["settings"]:
-        defaults = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["usual"].items())
+        defaults = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["default"].items())
         yield f"  {setting['name']}{f' = {defaults}' if defaults else ''}   ({setting['possible']})", 6
         yield f"      {setting['summary']}", 6
     for source in component["sources"]:

@@ -56,7 +56,7 @@ _SLOW_TUNINGS: Final = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Route:
+class _Route:
     """Default values for insulin by one route."""
 
     pump: PumpRange
@@ -78,17 +78,17 @@ class Route:
         }
 
 
-ROUTES: Final[Mapping[str, Route]] = {
-    INTRAVENOUS: Route(pump=PUMP_OF_1999, memory_min=180.0, laguerre_pole=0.84, laguerre_functions=2),
+ROUTES: Final[Mapping[str, _Route]] = {
+    INTRAVENOUS: _Route(pump=PUMP_OF_1999, memory_min=180.0, laguerre_pole=0.84, laguerre_functions=2),
     # Subcutaneous insulin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
     # would hide half of the gain.
-    SUBCUTANEOUS: Route(
+    SUBCUTANEOUS: _Route(
         pump=_PUMP_UNDER_THE_SKIN, memory_min=1440.0, laguerre_pole=0.96, laguerre_functions=8, tunings=_SLOW_TUNINGS
     ),
 }
 
 
-def route_of(name: str) -> Route:
+def route_of(name: str) -> _Route:
     """A route by name; Refusal for an unknown one."""
     if name not in ROUTES:
         raise Refusal(f"unknown route of insulin {name!r}; {known_names(name, ROUTES)}")

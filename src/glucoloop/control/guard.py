@@ -17,6 +17,7 @@ from glucoloop.control.guard_doses import (
     MAX_BOLUS_MU,
     DoseHistory,
     OwnLimits,
+    at_basal,
     initial_doses,
     largest_allowed_bolus,
     largest_allowed_rate,
@@ -90,6 +91,8 @@ class Guard:
     """Insulin that a gram of carbohydrate needs by the profile, relative to the rule from the basal rate."""
     fall_share: jax.Array | float = 1.0
     """Fall of glucose by insulin that the guard assumes, relative to that of the settings."""
+    by_schedule: bool = static(default=False)
+    """Whether the basal rate changes from sample to sample."""
 
     @property
     def sample_time_min(self) -> float:
@@ -124,7 +127,9 @@ class Guard:
     def with_profile(self, profile: Profile) -> Guard:
         """The same guard for a person with the given profile, which the inner controller gets too if it takes it."""
         inner, basal = given_profile(self.inner, profile), jnp.asarray(profile.basal_mU_min)
-        return dataclasses.replace(self.limited_by(profile), inner=inner, basal_mU_min=basal)
+        by_schedule = profile.past_basal_mU_min is not None
+        guard = self.limited_by(profile)
+        return dataclasses.replace(guard, inner=inner, basal_mU_min=basal, by_schedule=by_schedule)
 
     def limited_by(self, profile: Profile) -> Guard:
         """The same guard, whose limits of insulin follow a person's own ratio and factor where these are known."""
@@ -205,6 +210,9 @@ class Guard:
         above = lowest - setpoint
         excess = readings.glucose_mg_dl - setpoint
         doses = updated_doses(state.doses, counted, counted_bolus, excess, jump, own, settings, every)
+        if self.by_schedule:
+            basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, delivered.dtype), delivered.shape)
+            doses = at_basal(doses, jnp.clip(basal, self.limits.min_mU_min, self.limits.max_mU_min))
         allowed = largest_allowed_rate(
             doses, above, readings.unchanged_min > 0.0, own, settings, self.limits.max_change_mU_min, every
         )

@@ -201,6 +201,23 @@ def repaired_doses(
     )
 
 
+def at_basal(doses: DoseHistory, basal_mU_min: jax.Array) -> DoseHistory:
+    """The same insulin counted in another basal rate, which holds from this sample on by a schedule.
+
+    Without a basal rate, of the one before or the other, insulin on board cannot be counted anew, and stays as it is.
+    """
+    scale = jnp.where(
+        (doses.basal_mU_min > 0.0) & (basal_mU_min > 0.0), doses.basal_mU_min * _inverse(basal_mU_min), 1.0
+    )
+    return dataclasses.replace(
+        doses,
+        basal_mU_min=basal_mU_min,
+        per_basal=_inverse(basal_mU_min),
+        on_board=doses.on_board * scale,
+        counted=doses.counted * scale,
+    )
+
+
 def largest_possible_rate(
     doses: DoseHistory, requested_mU_min: jax.Array, reported_mU_min: jax.Array, max_change_mU_min: jax.Array | float
 ) -> jax.Array:

@@ -181,6 +181,8 @@ class OfPerson(ByProfile):
     limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
     bolus: BolusLimits = wired(DATA, default=DEFAULT_BOLUS_LIMITS)
     sample_time_min: float = wired(STATIC, default=5.0)
+    past_basal_mU_min: Any | None = wired(DATA, default=None)
+    """Basal rate of a schedule that held since the last sample, or None for the basal rate."""
 
     def of_person(
         self,
@@ -239,7 +241,8 @@ class OfPerson(ByProfile):
     def with_profile(self, profile: Profile) -> Self:
         """The same controller for a person with the given profile; settings that were given stay as they are."""
         basal = jnp.asarray(profile.basal_mU_min)
-        return self.made(profile=dataclasses.replace(profile, basal_mU_min=basal))  # type: ignore[no-any-return]
+        known = dataclasses.replace(profile, basal_mU_min=basal)
+        return self.made(profile=known, past_basal_mU_min=profile.past_basal_mU_min)  # type: ignore[no-any-return]
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Self:
         """The same controller for a person of whom the basal rate alone is known."""
@@ -249,6 +252,11 @@ class OfPerson(ByProfile):
     def basal_mU_min(self) -> Any:
         """The person's basal rate."""
         return self._person.basal_mU_min
+
+    @property
+    def basal_since_mU_min(self) -> Any:
+        """Basal rate that held since the last sample."""
+        return self.basal_mU_min if self.past_basal_mU_min is None else self.past_basal_mU_min
 
     @property
     def _person(self) -> Profile:

@@ -11,6 +11,7 @@ METHODS: Final = Catalogue(
     ForecastMethod,
     {
         "kalman": "glucoloop.forecasts.kalman:Kalman",
+        "twin": "glucoloop.twins.forecast:TwinForecast",
         "ridge": "glucoloop.forecasts.ridge:Ridge",
         "loop-like": "glucoloop.forecasts.loop_like:LoopLikeForecast",
         "time-of-day": "glucoloop.forecasts.reference:TimeOfDay",

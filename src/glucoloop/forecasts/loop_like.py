@@ -1,9 +1,9 @@
 """Forecast by two numbers and fixed curves, as programs that dose insulin make it.
 
 The forecast is the latest reading, less the fall by insulin beyond the usual basal rate, plus the rise by
-carbohydrate. The curves are those of LoopKit for rapid insulin of adults and for carbohydrate that is absorbed within
-three hours (`therapy.INSULINS`, `control.loop_like`). Sensitivity and carbohydrate ratio are those of the rules of 1700
-and 450, over the total daily dose, or fitted.
+carbohydrate, within what a sensor can read. The curves are those of LoopKit for rapid insulin of adults and for
+carbohydrate that is absorbed within three hours (`therapy.INSULINS`, `control.loop_like`). Sensitivity and carbohydrate
+ratio are those of the rules of 1700 and 450, over the total daily dose, or fitted.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ _ABSORPTION_MIN: Final = 180.0
 _CARB_DELAY_MIN: Final = 10.0
 _FITTED_MIN: Final = (30, 60, 120, 180, 240)
 _MIN_DAILY_DOSE_U: Final = 1.0
+_LIMITS_MG_DL: Final = (39.0, 401.0)
+"""Ends of a forecast, beyond which no sensor reads; those to which oref0 limits its predictions."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class _TwoNumbers:
         effects = _effects(record, self.usual, origins, horizons, future_known=future_known)
         rise = np.array([-self.sensitivity_mg_dl_U, self.rise_mg_dl_g])
         mean = last_readings(record, self.mean_mg_dl)[origins][:, None] + effects @ rise
-        return GlucoseForecast(mean, np.ones_like(mean))
+        return GlucoseForecast(np.clip(mean, *_LIMITS_MG_DL), np.ones_like(mean))
 
 
 def _effects(

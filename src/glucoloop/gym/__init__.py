@@ -3,7 +3,7 @@
 Importing this package registers them under the name `ENVIRONMENT`, for `gymnasium.make` and `gymnasium.make_vec`.
 """
 
-from typing import Final
+from typing import Any, Final
 
 from glucoloop._extras import needed_for
 
@@ -18,3 +18,12 @@ gymnasium.register(
     entry_point="glucoloop.gym.environment:GlucoseEnv",
     vector_entry_point="glucoloop.gym.environment:GlucoseVectorEnv",
 )
+
+
+def __getattr__(name: str) -> Any:
+    """`StableBaselinesEnv`, whose library is imported with it and is in no listing."""
+    if name != "StableBaselinesEnv":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from glucoloop.gym.stable_baselines import StableBaselinesEnv
+
+    return StableBaselinesEnv

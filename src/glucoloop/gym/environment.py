@@ -47,23 +47,24 @@ class _Situation:
         self,
         number: int,
         *,
-        reward: str | RewardFunction = "magni-risk",
+        reward: str | RewardFunction = "bounded-risk",
         truth: bool = False,
         guard: bool | str | None = None,
-        lowest_mg_dl: float = 10.0,
-        highest_mg_dl: float = 600.0,
+        lowest_mg_dl: float | None = None,
+        highest_mg_dl: float | None = None,
         threads: int | None = None,
         **settings: Any,
     ) -> None:
         if guard:
             settings["guard"] = "usual" if guard is True else guard
-        if not 0.0 < lowest_mg_dl < highest_mg_dl:
+        self._reward, self._truth = reward_of(reward), truth
+        own = zip((lowest_mg_dl, highest_mg_dl), self._reward.bounds_mg_dl, strict=True)
+        self._bounds = least, most = tuple(default if bound is None else bound for bound, default in own)
+        if not least < most or (lowest_mg_dl is not None and lowest_mg_dl <= 0.0):
             raise Refusal(
-                f"glucose from {lowest_mg_dl:g} to {highest_mg_dl:g} mg/dl is no range; give a lowest_mg_dl above 0 "
+                f"glucose from {least:g} to {most:g} mg/dl is no range; give a lowest_mg_dl above 0 "
                 "and a highest_mg_dl above it"
             )
-        self._reward, self._truth = reward_of(reward), truth
-        self._bounds = lowest_mg_dl, highest_mg_dl
         self.people = DosedPeople(settings, number, threads)
         self._is_seeded = "seed" in settings
         trial = self.people.trial
@@ -149,9 +150,10 @@ class _Situation:
         self._requested_U = requested[:, 0] * people.trial.sample_time_min / MIN_PER_H + requested[:, 1:].sum(axis=1)
         people.step(mu_min_from_u_h(requested[:, 0]), requested[:, 1] * MU_PER_U if people.gives_bolus else None)
         after, (lowest, highest) = people.glucose_mg_dl, self._bounds
-        terminated = ~((after >= lowest) & (after <= highest))
+        terminated = ~((after >= lowest) & (after <= highest) & np.isfinite(after))
         reward = np.asarray(self._reward.of_step(before, after), np.float64)
-        reward = reward - np.where(terminated, self._reward.termination, 0.0)
+        left = people.samples - people.sample
+        reward = reward - np.where(terminated, self._reward.termination + self._reward.each_step_left * left, 0.0)
         return reward, terminated, (people.sample >= people.samples) & ~terminated
 
 
@@ -175,18 +177,33 @@ class _MadeAgain:
 class GlucoseVectorEnv(_MadeAgain, VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):
     """Many people side by side, in native code where the patient allows it.
 
-    Arguments are those of `GlucoseEnv`, and the number of people. A place whose episode has ended gets the next person
-    at the next step, whose action is not used there (Gymnasium's ``AutoresetMode.NEXT_STEP``): each place is at a
-    sample of its own, so that this costs nothing for the others, and agents need not ask for it.
+    Arguments are those of `GlucoseEnv`, the number of people, and when a place whose episode has ended gets the next
+    person: at the next step, whose action is not used there (Gymnasium's ``AutoresetMode.NEXT_STEP``, the default), or
+    in the same one (``SAME_STEP``), which then returns the first observation of the next person, and the last one of
+    the former in ``info["final_obs"]``. Each place is at a sample of its own, so that this costs nothing for the
+    others.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 # as Gymnasium declares it
 
-    def __init__(self, num_envs: int = 1, *, render_mode: str | None = None, **settings: Any) -> None:
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **settings: Any,
+    ) -> None:
+        modes = {mode.value: mode for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)}
+        name = getattr(autoreset_mode, "value", autoreset_mode)
+        if name not in modes:
+            raise Refusal(f"the autoreset_mode {name!r} is not possible; give one of {', '.join(modes)}")
+        self.metadata = {**self.metadata, "autoreset_mode": modes[name]}
         if render_mode is not None:
             raise Refusal("a picture is of one person; leave render_mode out, or make one environment for it")
         self.render_mode = render_mode
-        self._arguments = {"num_envs": num_envs, "render_mode": render_mode, **settings}
+        given = {"num_envs": num_envs, "render_mode": render_mode, "autoreset_mode": autoreset_mode}
+        self._arguments = {**given, **settings}
         self._of = _Situation(num_envs, **settings)
         self.num_envs = num_envs
         self.single_action_space, self.single_observation_space = self._of.action_box, self._of.observation_box
@@ -223,7 +240,22 @@ class GlucoseVectorEnv(_MadeAgain, VectorEnv[Floats, npt.NDArray[Any], npt.NDArr
             self._of.people.begin(begins)
             reward[begins], terminated[begins], truncated[begins] = 0.0, False, False
         self._ended = terminated | truncated
-        return self._of.observation(), reward, terminated, truncated, self._of.info()
+        observation, info = self._of.observation(), self._of.info()
+        if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and self._ended.any():
+            observation, info = self._with_next_people(observation, info, self._ended)
+            self._ended = np.zeros(self.num_envs, bool)
+        return observation, reward, terminated, truncated, info
+
+    def _with_next_people(
+        self, observation: Floats, info: Observed, ended: npt.NDArray[np.bool_]
+    ) -> tuple[Floats, Observed]:
+        """Let the next people begin where episodes have ended; what was last there is told beside."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for place in np.flatnonzero(ended):
+            last[place] = observation[place]
+        self._of.people.begin(np.flatnonzero(ended))
+        of_last: dict[str, Any] = {"final_obs": last, "_final_obs": ended, "final_info": info, "_final_info": ended}
+        return self._of.observation(), {**self._of.info(), **of_last}
 
 
 class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
@@ -234,7 +266,7 @@ class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
     ``observation_units``: the latest valid reading (the target before the first) and its age, the insulin of the last
     step as the pump reports it, the announced carbohydrate of the coming step, and the time of day; with
     ``announce_before_min`` also the time until the announced meal is eaten. The episode is terminated where glucose
-    leaves its bounds, and truncated at the end of the run.
+    leaves its bounds, if it has some, and truncated at the end of the run.
 
     Parameters
     ----------
@@ -244,8 +276,9 @@ class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
         Whether glucose itself is observed in place of reading and age.
     guard : bool or str
         Put a guard between agent and pump, like ``True`` or ``"usual, max_hour=2"``; see `control.guarded`.
-    lowest_mg_dl, highest_mg_dl : float
-        Bounds of glucose beyond which an episode is terminated.
+    lowest_mg_dl, highest_mg_dl : float, optional
+        Bounds of glucose beyond which an episode is terminated; by default those of the reward, of which
+        ``bounded-risk`` has none and all others 10 and 600.
     threads : int, optional
         Number of threads; by default one, or one for each core for many people. It changes no result.
     **settings

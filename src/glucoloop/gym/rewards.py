@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -22,6 +23,10 @@ class Reward:
 
     of_step: RewardFunction
     termination: float = 0.0
+    each_step_left: float = 0.0
+    """Loss for each step that was left, as if the person stayed where the reward is least."""
+    bounds_mg_dl: tuple[float, float] = (10.0, 600.0)
+    """Default bounds of glucose beyond which an episode is terminated."""
 
 
 def magni_risk(glucose_mg_dl: Array) -> Array:
@@ -46,6 +51,11 @@ def kovatchev_risk(glucose_mg_dl: Array) -> Array:
     return np.asarray(10.0 * (1.509 * (np.log(np.maximum(glucose_mg_dl, 10.0)) ** 1.084 - 5.381)) ** 2)
 
 
+def _less_bounded_risk(before: Array, after: Array) -> Array:
+    del before
+    return np.asarray(-np.minimum(magni_risk(after) / _LARGEST_RISK, 1.0))
+
+
 def _less_magni_risk(before: Array, after: Array) -> Array:
     del before
     return -magni_risk(after)
@@ -60,7 +70,12 @@ def _in_range(before: Array, after: Array) -> Array:
     return ((after >= 70.0) & (after <= 180.0)).astype(float)
 
 
+_LARGEST_RISK: Final = 100.0
+"""Risk of Magni et al. from which on a step is as bad as can be: that of 36 and of 573 mg/dl."""
 REWARDS: Final[dict[str, Reward]] = {
+    # Everybody stays to the end, since a large loss in one step would outweigh all others in what an agent learns.
+    # With bounds, an episode that ends early costs what it would if glucose stayed there: ending it is never worth it.
+    "bounded-risk": Reward(_less_bounded_risk, each_step_left=1.0, bounds_mg_dl=(-math.inf, math.inf)),
     # The penalty is a day of 5-min steps at the largest risk, so that ending early is never worth it.
     "magni-risk": Reward(_less_magni_risk, termination=1e5),
     "risk-change": Reward(_risk_change),
@@ -68,6 +83,9 @@ REWARDS: Final[dict[str, Reward]] = {
 }
 """Rewards by name.
 
+``bounded-risk``
+    Less the risk of Magni et al. after the step, divided by 100 and at most 1, so that every step has a reward from -1
+    to 0. No episode is terminated; with bounds of glucose of one's own, less 1 for each step that was left.
 ``magni-risk``
     Less the risk after the step, and 1e5 where the episode is terminated, since an agent could otherwise end its
     losses. I. Fox, J. Lee, R. Pop-Busui, J. Wiens, "Deep reinforcement learning for closed-loop blood glucose control",

@@ -95,7 +95,7 @@ def identify_gain_and_lag(
     return result
 
 
-def answer(
+def _answer(
     insulin_deviation_mU_min: jax.Array,
     impulse_response: jax.Array,
     gain: jax.Array | float,
@@ -129,7 +129,7 @@ def _fit(
 
     def lacking(theta: jax.Array) -> jax.Array:
         gain, lag = jnp.exp(theta)
-        return jnp.where(known, glucose - answer(insulin, response, gain, lag, sample_time_min), 0.0)
+        return jnp.where(known, glucose - _answer(insulin, response, gain, lag, sample_time_min), 0.0)
 
     def cost(theta: jax.Array) -> jax.Array:
         return jnp.sum(lacking(theta) ** 2) / noise_variance + jnp.sum(precision * theta**2)

@@ -139,7 +139,7 @@ def zero_order_hold(
     return hold[:n, :n], hold[:n, n:].reshape(B.shape)
 
 
-def exponential(M: jax.Array, halvings: int) -> jax.Array:
+def _exponential(M: jax.Array, halvings: int) -> jax.Array:
     """Matrix exponential by a series of fixed length, of a matrix halved so often, and squared as often.
 
     Without a solve, for a program that has none. The series ends at the power 8. A mode that decays by
@@ -158,7 +158,7 @@ def exponential(M: jax.Array, halvings: int) -> jax.Array:
 
 
 def halvings_of(model: ContinuousModel, sample_time_min: float) -> int:
-    """Halvings that `exponential` needs to sample a model, so that the 1-norm of what is left is at most 3."""
+    """Halvings that `_exponential` needs to sample a model, so that the 1-norm of what is left is at most 3."""
     size = float(jnp.abs(_augmented(model.A, _inputs(model))).sum(axis=0).max()) * sample_time_min
     return max(4, math.ceil(math.log2(max(size, 1e-9) / 3.0)))
 
@@ -176,14 +176,14 @@ def _augmented(A: jax.Array, columns: jax.Array) -> jax.Array:
 def discretise(model: ContinuousModel, sample_time_min: float, halvings: int | None = None) -> LinearModel:
     """Sample a continuous model with input and disturbance held over each sample, exactly.
 
-    With a number of halvings the matrix exponential is `exponential`, which is exact to its error, and else JAX's.
+    With a number of halvings the matrix exponential is `_exponential`, which is exact to its error, and else JAX's.
     """
     inputs = _inputs(model)
     if halvings is None:
         Phi, integrals = zero_order_hold(model.A, inputs, sample_time_min)
     else:
         n = model.A.shape[0]
-        hold = exponential(_augmented(model.A, inputs) * sample_time_min, halvings)
+        hold = _exponential(_augmented(model.A, inputs) * sample_time_min, halvings)
         Phi, integrals = hold[:n, :n], hold[:n, n:]
     return LinearModel(
         Phi=Phi,

@@ -190,12 +190,12 @@ class PatientComponent(PytreeComponent):
 
     @classmethod
     def facts(cls) -> dict[str, Any]:
-        """Route of insulin, operating points, populations, and what is usual for the patient."""
+        """Route of insulin, operating points, populations, and the defaults of the patient."""
         return {
             "insulin_route": cls.insulin_route,
             "operating_points": {point.name: point.summary for point in cls.operating_points},
             "populations": {NOMINAL: "the nominal patient, whoever is drawn", **cls.populations},
-            "usual": {name: getattr(cls, name) for name in _USUAL},
+            "default": {name: getattr(cls, name) for name in _USUAL},
         }
 
     @property

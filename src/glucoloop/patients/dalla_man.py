@@ -110,7 +110,7 @@ UPTAKE_FALLS_BELOW_MG_DL: Final = 5.0
 """Glucose below which the uptake by the brain falls, so that glucose stays above zero."""
 
 
-def balances(c: Mapping[str, Any], x: jax.Array, insulin_mU_min: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+def _balances(c: Mapping[str, Any], x: jax.Array, insulin_mU_min: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
     """Rate of change of the state ``(10, ...)`` per minute, in the order of `STATE_NAMES`."""
     G_p, G_t, G_s, I_p, I_l, I_sc1, I_sc2, X, I_1, I_d = x
     # what is divided by is a person's own, so that a reciprocal is found once
@@ -240,7 +240,7 @@ class DallaManPatient(OdePatient, name="uva-padova-2008"):
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Balances of glucose and insulin ``(10, ...)``; the time makes no difference."""
         del t_min
-        return balances(self.parameters, x, inputs.insulin_mU_min, inputs.meal_mg_min)
+        return _balances(self.parameters, x, inputs.insulin_mU_min, inputs.meal_mg_min)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose in plasma, G_p / V_G."""

@@ -21,6 +21,7 @@ from glucoloop.records.clock import zone_named
 from glucoloop.records.extract import finite, number_in
 from glucoloop.records.file_text import FileText, json_of
 from glucoloop.refusal import Refusal
+from glucoloop.units import MG_DL_PER_MMOL_L
 
 SWITCH: Final = "Profile Switch"
 _MIN_PER_DAY: Final = 1440
@@ -171,6 +172,55 @@ def _schedule(value: object, time_zone: str | None) -> _Schedule | None:
     minutes = tuple(sorted(result))
     zone = zoneinfo.ZoneInfo(zone_named(value.get("timezone")) or zone_named(time_zone) or "UTC")
     return _Schedule(minutes, tuple(result[minute] for minute in minutes), zone)
+
+
+_NUMBERS: Final = {"basal": "basal", "carbratio": "carb_ratio", "sens": "correction"}
+"""Lists of a schedule, and the names of their numbers in a therapy."""
+
+
+def segments_of(content: object) -> dict[str, list[tuple[float, float]]] | None:
+    """Minute and value of each segment of the newest profile, by name; None for what holds no profile.
+
+    The numbers are ``basal`` [U/h], ``carb_ratio`` [g/U], ``correction`` [mg/dl/U] and ``target`` [mg/dl], the middle
+    of the low and the high one.
+    """
+    documents = content if isinstance(content, list) else [content]
+    profiles = [item for item in documents if isinstance(item, dict) and isinstance(item.get("store"), dict)]
+    if not profiles:
+        return None
+    newest = max(profiles, key=_begin)
+    store = newest["store"]
+    schedule = store.get(str(newest.get("defaultProfile"))) or next(iter(store.values()), None)
+    if not isinstance(schedule, dict):
+        return None
+    units = str(schedule.get("units") or newest.get("units") or "mg/dl").lower()
+    scale = MG_DL_PER_MMOL_L if units.startswith("mmol") else 1.0
+    result = {}
+    for key, name in _NUMBERS.items():
+        steps = _steps(schedule.get(key))
+        if steps:
+            result[name] = [(minute, value * (scale if name == "correction" else 1.0)) for minute, value in steps]
+    low, high = _steps(schedule.get("target_low")), _steps(schedule.get("target_high"))
+    if low and high:
+        minutes = sorted({minute for minute, _ in (*low, *high)})
+        result["target"] = [(minute, scale * (_at(low, minute) + _at(high, minute)) / 2.0) for minute in minutes]
+    return result or None
+
+
+def _steps(value: object) -> list[tuple[float, float]]:
+    """Minute and value of each step of a list in order; none if any of them is not whole."""
+    steps = [
+        (_minute(step), number_in(step.get("value")))
+        for step in (value if isinstance(value, list) else ())
+        if isinstance(step, dict)
+    ]
+    known = {float(minute): number for minute, number in steps if minute is not None and number is not None}
+    return sorted(known.items()) if len(known) == len(steps) else []
+
+
+def _at(steps: list[tuple[float, float]], minute: float) -> float:
+    """Value of the step that holds at a minute of the day; before the first, the last one holds."""
+    return next((value for start, value in reversed(steps) if start <= minute), steps[-1][1])
 
 
 def _minute(step: Mapping[str, Any]) -> int | None:

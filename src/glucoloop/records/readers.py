@@ -1,4 +1,4 @@
-"""Readers of records by name; each is one class in a file of its own."""
+"""Readers of records by name; each is one class."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ READERS: Final = Catalogue(
         "t1d-uom": "glucoloop.records.t1d_uom:T1dUom",
         "hupa-ucm": "glucoloop.records.hupa_ucm:HupaUcm",
         "shanghai-t1dm": "glucoloop.records.shanghai_t1dm:ShanghaiT1DM",
-        "simglucose": "glucoloop.records.simglucose:Simglucose",
-        "replaybg": "glucoloop.records.replaybg:ReplayBG",
+        "simglucose": "glucoloop.records.simulators:Simglucose",
+        "replaybg": "glucoloop.records.simulators:ReplayBG",
         "table": "glucoloop.records.any_table:AnyTable",
     },
     example="dexcom-clarity",

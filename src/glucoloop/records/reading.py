@@ -46,7 +46,7 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> d
     chosen = None if reader is None else READERS.choose(reader)
     files: list[UserFile] = []
     for path in paths:
-        with refusing(path):
+        with _refusing(path):
             files += files_of(path)
     people_in_zip = _people_in_zip(paths[0], files) if len(paths) == 1 and paths[0].is_file() else {}
     if people_in_zip:
@@ -59,14 +59,14 @@ def _read(files: Sequence[UserFile], chosen: ReaderComponent | None, answers: An
     """Record of each person of files that belong together."""
     if any(file.data.startswith(PARQUET) for file in files):
         record = next(file for file in files if file.data.startswith(PARQUET))
-        with refusing(record.path):
+        with _refusing(record.path):
             if len(files) > 1:
                 raise Refusal("it is a record that was read before; read it alone, or the first files together")
             return {"": record_from_parquet(record.data)}
     recognised, answers, notes = _recognised(files, chosen, answers)
     extracts: list[Extract] = []
     for file in recognised:
-        with refusing(file.path):
+        with _refusing(file.path):
             extract = file.reader.rows(file.content, answers)
             extracts.append(replace(extract, notes=(*file.content.notes, *extract.notes)))
     _refuse_names_in_no_file(recognised, extracts, answers)
@@ -85,7 +85,7 @@ def _recognised(
     unread: list[FileRefusal] = []
     for file in files:
         try:
-            with refusing(file.path):
+            with _refusing(file.path):
                 content = content_of(file.data)
                 own = chosen or reader_of(content, answers)
                 with_profiles = own.with_profiles(content, answers)
@@ -97,7 +97,7 @@ def _recognised(
         if with_profiles is None:
             result.append(_Recognised(file.path, content, own))
         elif len(files) == 1:
-            with refusing(file.path):
+            with _refusing(file.path):
                 raise Refusal(
                     "it has no readings, meals or insulin, only what helps to read other files; give those too"
                 )
@@ -106,7 +106,7 @@ def _recognised(
     if not result:
         if unread:
             raise unread[0]
-        with refusing(files[0].path):
+        with _refusing(files[0].path):
             raise Refusal("none of the files has readings, meals or insulin; give those too")
     notes = []
     if unread:
@@ -134,7 +134,7 @@ def _people(files: Sequence[_Recognised], extracts: Sequence[Extract]) -> list[s
     if len(names) > 1:
         for file, own in zip(files, each, strict=True):
             if not own:
-                with refusing(file.path):
+                with _refusing(file.path):
                     raise Refusal(
                         f"it does not say whose its rows are, and the other files are of {len(names)} people",
                         "name its column of people with person_column (--person-column)",
@@ -157,7 +157,7 @@ def _record(
     for number, (path, extract) in enumerate(zip(paths, extracts, strict=True), 1):
         before = len(account.notes)
         own = extract.frame.filter(pl.col("person") == name) if name else extract.frame
-        with refusing(path):
+        with _refusing(path):
             frames.append(settled(extract, own, answers, account))
             nobody = int(extract.frame["person"].is_null().sum()) if name else 0
             if nobody:
@@ -271,7 +271,7 @@ def _are_of_one_person(texts: Sequence[bytes]) -> bool:
 
 
 @contextlib.contextmanager
-def refusing(path: Path) -> Iterator[None]:
+def _refusing(path: Path) -> Iterator[None]:
     """Say of a refusal which file it is about."""
     try:
         yield

@@ -31,7 +31,7 @@ _HOST: Final = re.compile(r"[0-9A-Za-z]([-_.0-9A-Za-z]*[0-9A-Za-z])?|[0-9A-Fa-f:
 _PATH: Final = re.compile(r"(/[-._~!$&'()*+,;=:@%0-9A-Za-z]*)*")
 
 
-class Address(NamedTuple):
+class _Address(NamedTuple):
     """Address of a site, each part of which was checked."""
 
     scheme: str
@@ -45,7 +45,7 @@ class Address(NamedTuple):
         return f"{self.scheme}://{host}{'' if self.port is None else f':{self.port}'}{self.path}{below}"
 
 
-def address_of(text: str, what_else: str) -> Address:
+def address_of(text: str, what_else: str) -> _Address:
     """Address of a site from its text; Refusal for any other, and for one with a name, a query or a fragment.
 
     The refusal ends in `what_else` where the text holds more than the address of a site, which may be a secret; the
@@ -65,7 +65,7 @@ def address_of(text: str, what_else: str) -> Address:
     # `urlsplit` drops line ends and tabs in silence.
     if any(letter <= " " for letter in text) or not (_HOST.fullmatch(host) and _PATH.fullmatch(parts.path)):
         raise wrong
-    return Address(parts.scheme, host, port, parts.path.rstrip("/"))
+    return _Address(parts.scheme, host, port, parts.path.rstrip("/"))
 
 
 class StatusError(Exception):

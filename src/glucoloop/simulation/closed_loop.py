@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree
 from glucoloop._representation import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
 from glucoloop.component.effects import (
     AHEAD,
     ANNOUNCEMENTS,
+    CHANCE,
     MEALS,
     MEALS_ANNOUNCED,
     OF_CONTROLLERS,
@@ -33,7 +34,7 @@ from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, usual_pu
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.sensors import DeadTime, IdealSensor, Lag, Sensor
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.minute_inputs import minute_inputs_of
@@ -227,7 +228,7 @@ def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
     )
 
 
-@functools.partial(jax.jit, static_argnums=1)
+@kept_jit(static_argnums=1)
 def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: OnGrid, key: jax.Array) -> Trace:
     """Scan of the closed loop over samples."""
     loop: Loop = fixed.joined(numbers)
@@ -329,7 +330,7 @@ def simulate(
     sensor: Sensor | None = None,
     pump: Pump | None = None,
     scenario: Scenario | None = None,
-    key: jax.Array | int = 0,
+    key: jax.Array | int | None = None,
     *,
     integrator: Integrator | None = None,
 ) -> Trace:
@@ -346,8 +347,8 @@ def simulate(
         Pump; by default one with the default limits of the patient, see `simulation.usual_limits`.
     scenario : Scenario, optional
         The 50 g oral glucose test at 50 min over 600 min by default.
-    key : JAX key or int
-        Source of all randomness: the same key gives the same trace.
+    key : JAX key or int, optional
+        Source of all randomness: the same key gives the same trace. By default 0.
     integrator : Integrator, optional
         Integrator; by default `Exponential` if the patient has the parts for it, else `Explicit`, as for one whose
         constants follow the clock, and in a scenario with exercise or rhythms.
@@ -355,7 +356,8 @@ def simulate(
     Warns
     -----
     NoEffectWarning
-        For what the scenario has and the controller has no use for, such as announced meals.
+        For what the scenario has and the controller has no use for, such as announced meals, and for a key where
+        nothing is drawn at random.
 
     Raises
     ------
@@ -365,7 +367,17 @@ def simulate(
     """
     if scenario is not None:
         warn_without_effect(scenario_without_effect(scenario, controller, patient), stacklevel=3)
-    return closed_loop(patient, controller, sensor, pump, scenario, key, integrator=integrator)
+    seed = random_key(0 if key is None else key)
+    if key is not None and not (draws(controller) or _draw(sensor, pump)):
+        warn_without_effect([f"key has no effect: {CHANCE.reason}."], stacklevel=3)
+    return closed_loop(patient, controller, sensor, pump, scenario, seed, integrator=integrator)
+
+
+def _draw(sensor: Sensor | None, pump: Pump | None) -> bool:
+    """Whether a sensor or a pump may draw random numbers; those that nobody here knows may."""
+    while isinstance(sensor, DeadTime | Lag):
+        sensor = sensor.inner
+    return not (sensor is None or type(sensor) is IdealSensor) or not (pump is None or type(pump) is LimitedPump)
 
 
 def scenario_without_effect(scenario: Scenario, controller: Controller, patient: Patient) -> Iterator[str]:

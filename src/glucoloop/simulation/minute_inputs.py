@@ -19,7 +19,7 @@ from glucoloop.simulation.plant import MinuteInputs, SampleGrid
 
 @dataclass(frozen=True)
 class PeopleMinuteInputs:
-    """Inputs of people from their bouts and their rhythms, made for a piece of a run at a time.
+    """Inputs of people from their bouts, their rhythms and an appearance, made for a piece of a run at a time.
 
     So memory does not grow with the length of the run.
     """
@@ -29,6 +29,8 @@ class PeopleMinuteInputs:
     rhythms: Sequence[Rhythm]
     seed: int
     person: npt.ArrayLike
+    appearance_mg_min: npt.NDArray[np.float64] | None = None
+    """``(samples, people)`` appearance of glucose beside that of the meals."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -37,16 +39,20 @@ class PeopleMinuteInputs:
 
     def of(self, piece: slice) -> MinuteInputs:
         """Inputs ``(samples, points, people)`` in samples of the run, all by default."""
-        if not self.rhythms and self.bouts is None:
-            return MinuteInputs()
         start, stop, _ = piece.indices(self.grid.samples)
         points = self.grid.inside_min.size
+        appearance = self.appearance_mg_min
+        if appearance is not None:
+            appearance = np.repeat(appearance[start:stop, None], points, axis=1)
+        if not self.rhythms and self.bouts is None:
+            return MinuteInputs(appearance_mg_min=appearance)
         edges_min = self.grid.fine_t_min[start * points : stop * points + 1]
         minute_inputs = minute_inputs_between(
             edges_min, self.bouts, self.rhythms, self.seed, self.person, self.grid.start_min
         )
         return MinuteInputs(
-            **{name: getattr(minute_inputs, name).reshape(stop - start, points, -1) for name in minute_inputs.names}
+            **{name: getattr(minute_inputs, name).reshape(stop - start, points, -1) for name in minute_inputs.names},
+            appearance_mg_min=appearance,
         )
 
 

@@ -76,6 +76,8 @@ class MinuteInputs:
     """Factor on the constants that are a patient's sensitivity to insulin."""
     production_mg_kg_min: jax.Array | npt.NDArray[np.float64] | None = None
     """Production of glucose that is added to a patient's own."""
+    appearance_mg_min: jax.Array | npt.NDArray[np.float64] | None = None
+    """Appearance of glucose that is added to that of the meals, and may be below 0."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,6 +86,8 @@ class MinuteInputs:
 
     def inputs(self, insulin_mU_min: jax.Array, meal_mg_min: jax.Array) -> Inputs:
         """Inputs of a patient, of those at one moment."""
+        if self.appearance_mg_min is not None:
+            meal_mg_min = meal_mg_min + self.appearance_mg_min
         return inputs_of(insulin_mU_min, meal_mg_min, self.exercise_pct)  # type: ignore[arg-type]
 
     def of(self, patient: Patient) -> Patient:

@@ -42,8 +42,11 @@ from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, SensorComponent, WhiteNoise, whole_samples
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
+from glucoloop.situations.override import OverrideComponent
 from glucoloop.situations.profile_error import ProfileErrorComponent
 from glucoloop.situations.request import read_root
+from glucoloop.situations.therapy_text import parse_change, profile_texts, target_change, target_texts
+from glucoloop.therapy import Schedule
 from glucoloop.unit_guess import (
     CONFIRM_OPTION,
     LARGEST_RATE,
@@ -155,6 +158,37 @@ WrongProfile = Annotated[
         rare=True,
     ),
 ]
+TherapyProfile = Annotated[
+    tuple[str, ...],
+    _patient(
+        "Therapy by the time of day: a file like profile.toml or Nightscout's profile.json, or 'basal, 0.9, 0h-6h'; "
+        "repeat it for more. What it leaves out is the person's own.",
+        flag="--profile",
+        metavar="FILE|TEXT",
+        rare=True,
+        needs=(PROFILE,),
+        reads=profile_texts,
+    ),
+]
+Targets = Annotated[
+    tuple[str, ...],
+    _patient(
+        "Target in some hours of each day, like 110@22h until midnight or 120@22h-6h; repeat it for more.",
+        flag="--target-at",
+        metavar="MG/DL@HOURS",
+        rare=True,
+        reads=target_texts,
+    ),
+]
+Overrides = Annotated[
+    tuple[OverrideComponent, ...],
+    _patient(
+        "Hours of each day with another target or need of insulin, like 'exercise, from=17h, to=19h, target=150, "
+        "insulin=70%' or 'illness'; repeat it for more.",
+        flag="--override",
+        rare=True,
+    ),
+]
 WarmUp = Annotated[
     float,
     Option(
@@ -181,7 +215,7 @@ class Situation(Component):
 
     patient: Annotated[
         PatientComponent,
-        _patient("Patient; pump, model and tuning are by default those usual for it.", default=DEFAULT_PATIENT.name),
+        _patient("Patient; pump, model and tuning are by default those of the patient.", default=DEFAULT_PATIENT.name),
     ] = by_default(DEFAULT_PATIENT)
     setpoint_mg_dl: Annotated[
         float | None,
@@ -191,6 +225,9 @@ class Situation(Component):
     ] = None
     profile_by: ProfileBy = "table"
     profile_error: WrongProfile = None
+    therapy: TherapyProfile = ()
+    targets: Targets = ()
+    overrides: Overrides = ()
     meal_model: Annotated[
         MealModelComponent | None,
         _patient(
@@ -226,7 +263,7 @@ class Situation(Component):
     pump: Annotated[
         PumpComponent,
         _sensor(
-            "Pump: limited, resolution or expiring, with its limits; by default those usual for the patient.",
+            "Pump: limited, resolution or expiring, with its limits; by default those of the patient.",
             default=PUMPS.default,
         ),
     ] = by_default(PUMPS[PUMPS.default])
@@ -271,6 +308,12 @@ class Situation(Component):
         from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
         from glucoloop.simulation.plant import SampleGrid
 
+        if self.schedule.changes and self.start is None:
+            raise Refusal(
+                "a therapy by the time of day needs the time of day at the start",
+                "give it, like --start 06:00 (start in a file)",
+                "leave profile, target and override out",
+            )
         list(metrics_with(self.metrics))  # refuses one that is at odds with another
         if self.miscounts and not self.announce_meals:
             raise Refusal(
@@ -434,6 +477,16 @@ class Situation(Component):
             component for component in self.sensor if known_dead_time or not isinstance(component, DeadTime)
         )
         return self._with(sample_time_min=every_min, sensor=known_sensors)
+
+    @property
+    def schedule(self) -> Schedule:
+        """Therapy by the time of day, of which targets act on the profile, and overrides on both."""
+        profile = (*map(parse_change, self.therapy), *map(target_change, self.targets))
+        return Schedule((*profile, *(change for override in self.overrides for change in override.changes())))
+
+    def of_controller(self) -> Situation:
+        """The situation without what is put around a controller: actions of the person, and a therapy by the clock."""
+        return self._with(actions=(), therapy=(), targets=(), overrides=())
 
     def _with(self, **changes: Any) -> Situation:
         return Situation(**{**{name: getattr(self, name) for name in Situation.settings()}, **changes})

@@ -1,257 +1,244 @@
-"""Search for the twin of a person: maximum a posteriori, uncertainty, and the prediction of days that were held out.
+"""Search for the twin of a person: the likelihood of forecasts at several horizons, with the prior of the family.
 
-In coordinates in which the prior is standard normal, the twin minimises::
+In coordinates ``p`` in which the prior is standard normal, the twin minimises::
 
-    |W (y - f(z))|^2 + |z|^2
+    sum over horizons h of (n_h / 2) log(mean e_h(p)² + 1/12)  +  |p|² / 2  +  (log(fall U / rule) / spread)² / 2
 
-where f is the simulated glucose at the readings y, and W makes their errors independent (`twins.noise`). It is
-minimised by Levenberg's and Marquardt's method with the exact Jacobian of the simulation, from the median of the
-population and from people drawn from it; noise and twin are then found in turns. Around the minimum the posterior is
-normal with covariance ``(I + J' W' W J)^-1`` (Laplace).
+where ``e_h`` are the errors of forecasts from origins of the record (`twins.extended`), `fall` is the largest fall of
+glucose by 1 U and `U` the insulin of a day. ``n_h`` is the number of independent forecasts, eight a day shared by all
+horizons. Fitted to one step alone, a filter explains readings by what is unexplained; the horizons make it find what
+meals and insulin do over hours. The doses to come are those of `UsualDay.future`, so that doses of automation, which
+follow glucose, do not tell of it.
+
+Forecasts find too little effect of insulin where meals are not entered, so that the fall is held near a rule over the
+daily dose. The constants of the family that are its sensitivity to insulin have the medians of the population, all by
+one factor, with which the median person falls by the rule.
+
+The cost is minimised by Levenberg's and Marquardt's method with exact Jacobians; the weights of the horizons follow
+their errors. Around the minimum the posterior is normal (Laplace).
 
 References
 ----------
 G. Cappon, M. Vettoretti, G. Sparacino, S. Del Favero, A. Facchinetti, "ReplayBG: a digital twin-based methodology to
 identify a personalized model from type 1 diabetes data and simulate glucose concentrations to assess alternative
-therapies", IEEE Trans. Biomed. Eng. 70(11), 2023, 3227-3238.
+therapies", IEEE Trans. Biomed. Eng. 70(11), 2023, 3227-3238: a posterior of a person given a record.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord
+from glucoloop.forecasts.method import origins_of
+from glucoloop.forecasts.usual_day import usual_day
 from glucoloop.patients.population import Population
 from glucoloop.refusal import Refusal
-from glucoloop.text import how_many
-from glucoloop.twins.days import FEWEST_READINGS, RecordedDays
-from glucoloop.twins.noise import Noise
+from glucoloop.twins.extended import Days, ExtendedPatient, Numbers, ProgramKey, SampleInputs, days_of_record
 from glucoloop.twins.prior import prior_of
-from glucoloop.twins.trajectory import WARM_UP_MIN, Simulator
-from glucoloop.twins.twin import HeldOut, Twin
-from glucoloop.units import MIN_PER_DAY, MIN_PER_H
+from glucoloop.units import MU_PER_U
 
 Values = npt.NDArray[np.float64]
 
-STARTS: Final = 4
-DRAWS: Final = 200
-_FIRST_STEPS: Final = 15
-_STEPS: Final = 8
-_TURNS: Final = 3
-_SETTLED: Final = 1e-4
-"""Relative fall of the cost below which a search has ended."""
+RULE: Final = 1250.0
+SPREAD: Final = 0.2
+_HORIZONS: Final = np.array([6, 12, 24, 36, 48])
+"""Horizons of the likelihood, 30 to 240 min [samples]."""
+_FORECASTS_PER_DAY: Final = 8.0
+"""Number of independent forecasts of a day, over all horizons."""
+_WARM_UP: Final = 144
+"""Samples, 12 h, after which what was before the record no longer counts."""
+_STRIDE: Final = 6
+"""Minimum number of samples between origins."""
+_ORIGINS_TOGETHER: Final = 512
+"""Origins are filled up to a multiple of this, so that few programs are compiled."""
+_ROUNDING_VARIANCE: Final = 1.0 / 12.0
+"""Variance of the rounding of readings to whole mg/dl [(mg/dl)²]."""
+_MIN_DAILY_DOSE_U: Final = 5.0
+"""Daily dose below which the prior of the effect of insulin no longer grows."""
+_STEPS: Final = 14
+_SETTLED: Final = 0.02
+"""Fall of the cost, in units of a logarithm of likelihood, below which a search has ended."""
 _DAMPING: Final = 1e-2
-_EASED, _RAISED = 0.2, 5.0
+_MAX_DAMPING: Final = 1e4
+_EASED, _RAISED = 0.2, 8.0
 _FARTHEST: Final = 5.0
 """Largest coordinate, in standard deviations of the prior."""
-_SAME_COST: Final = 2.0
-"""Difference of costs up to which two starts have ended at twins as likely."""
-_INTERVAL_PCT: Final = (5.0, 50.0, 95.0)
+_SCALINGS: Final = 6
+_SCALED: Final = (0.35, 3.0)
+"""Range of the factor on the sensitivities in one of these scalings."""
 
 
-@dataclass(frozen=True)
-class _Searched:
-    """State of a search: one row for each start."""
+class Mode(NamedTuple):
+    """Most likely coordinates ``(coordinates,)`` of a person, and their covariance."""
 
-    z: Values
-    cost: Values
-    residual: Values
-    jacobian: Values
+    patient: ExtendedPatient
+    p: Values
+    covariance: Values
 
 
-class _Target:
-    """Cost that is minimised, on the readings of some time."""
+class _Expansion(NamedTuple):
+    """Cost at some coordinates, its gradient, and its Hessian by Gauss and Newton."""
 
-    def __init__(self, simulator: Simulator, chosen: npt.NDArray[np.bool_]) -> None:
-        self._simulator, self._chosen, days = simulator, chosen, simulator.days
-        self.t_min, self._readings = days.reading_min[chosen], days.reading_mg_dl[chosen]
-
-    def at(self, z: Values, noise: Noise) -> _Searched:
-        days = self._simulator.days
-        glucose, jacobian = self._simulator.with_jacobian(z)
-        residual = self._readings - days.at_readings(glucose, self._chosen)
-        slopes = days.at_readings(np.moveaxis(jacobian, -1, 1), self._chosen)
-        return _Searched(z, self._cost(z, residual, noise), residual, np.moveaxis(slopes, 1, -1))
-
-    def again(self, result: _Searched, noise: Noise) -> _Searched:
-        """The same place with another noise."""
-        return _Searched(result.z, self._cost(result.z, result.residual, noise), result.residual, result.jacobian)
-
-    def cost_of_courses(self, z: Values, trajectories: Values, noise: Noise) -> Values:
-        """Cost ``(people,)`` of people whose glucose is known ``(people, samples + 1)``."""
-        return self._cost(z, self._readings - self._simulator.days.at_readings(trajectories, self._chosen), noise)
-
-    def _cost(self, z: Values, residual: Values, noise: Noise) -> Values:
-        possible = np.asarray(np.isfinite(residual).all(axis=1))
-        white = noise.independent(self.t_min, np.where(possible[:, None], residual, 0.0).T)
-        cost = (white**2).sum(axis=0) + (z**2).sum(axis=1)
-        return np.asarray(np.where(possible, cost, np.inf), np.float64)
-
-    def search(self, result: _Searched, noise: Noise, steps: int, tell: Callable[[str], None]) -> _Searched:
-        """Minimise from where a search is."""
-        damping = np.full(len(result.z), _DAMPING)
-        for step in range(steps):
-            tried = self.at(np.stack([self._step(result, k, noise, damping[k]) for k in range(len(result.z))]), noise)
-            better = tried.cost < result.cost
-            with np.errstate(invalid="ignore"):
-                fallen = np.where(better, 1.0 - tried.cost / result.cost, 0.0)
-            settled = (better & (fallen < _SETTLED)) | (~better & (damping > 1e4))
-            damping = np.where(better, damping * _EASED, damping * _RAISED)
-            result = _Searched(
-                *(
-                    np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-                    for new, old in (
-                        (tried.z, result.z),
-                        (tried.cost, result.cost),
-                        (tried.residual, result.residual),
-                        (tried.jacobian, result.jacobian),
-                    )
-                )
-            )
-            tell(f"step {step + 1}")
-            if settled.all():
-                break
-        return result
-
-    def _step(self, result: _Searched, k: int, noise: Noise, damping: float) -> Values:
-        z = result.z[k]
-        if not np.isfinite(result.cost[k]):
-            return np.asarray(0.5 * z)  # nearer to the median, who can exist
-        white = noise.independent(self.t_min, np.column_stack([result.residual[k], result.jacobian[k]]))
-        residual, jacobian = white[:, 0], white[:, 1:]
-        information = np.eye(z.size) + jacobian.T @ jacobian
-        damped = information + damping * np.diag(np.diag(information))
-        step: Values = np.linalg.solve(damped, jacobian.T @ residual - z)
-        moved: Values = np.clip(z + step, -_FARTHEST, _FARTHEST)
-        return moved
-
-    def covariance(self, result: _Searched, k: int, noise: Noise) -> Values:
-        """Covariance of the coordinates about a minimum."""
-        jacobian = noise.independent(self.t_min, result.jacobian[k])
-        information = np.eye(result.z.shape[1]) + jacobian.T @ jacobian
-        return np.asarray(np.linalg.inv(information), np.float64)
+    cost: float
+    gradient: Values
+    hessian: Values
 
 
-def find_twin(
-    days: RecordedDays,
+def find_mode(
     population: Population,
-    *,
+    training: GriddedRecord,
     known: dict[str, float] | None = None,
-    held_out_days: int = 2,
-    starts: int = STARTS,
-    draws: int = DRAWS,
-    seed: int = 0,
+    *,
+    rule: float = RULE,
+    spread: float = SPREAD,
     tell: Callable[[str], None] = lambda text: None,
-) -> Twin:
-    """Find the twin of a person.
+) -> Mode:
+    """Most likely person of a population for the days of training.
 
     Parameters
     ----------
-    days : RecordedDays
-        Days of the record.
     population : Population
         People of the family, whose differences are the prior.
+    training : GriddedRecord
+        Days of a record.
     known : dict of str to float, optional
         Parameters that are known of the person, such as ``weight_kg``.
-    held_out_days : int
-        Last days of the record whose readings are not used, and predicted; 0 for none.
-    starts : int
-        Places from which the search begins.
-    draws : int
-        People drawn from the posterior, for the bands.
-    seed : int
-        Seed of the starts and of the draws.
+    rule, spread : float
+        Largest fall of glucose by 1 U times the daily dose [mg/dl] before the record, and the standard deviation of its
+        logarithm.
     tell : function
         Function that is called with a text for each step.
 
     Raises
     ------
     Refusal
-        If too few readings are left to find a twin, or none can be found.
+        If there is no insulin in the record, or nobody near the population can have it.
     """
-    prior = prior_of(population, known)
-    simulator = Simulator.of(population, prior, days)
-    end_min = days.length_min - held_out_days * MIN_PER_DAY
-    used = (days.reading_min >= WARM_UP_MIN) & (days.reading_min < end_min)
-    if np.count_nonzero(used) < FEWEST_READINGS:
-        left = how_many(int(np.count_nonzero(used)), "reading")
+    if not training.insulin_U.any():
+        raise Refusal("it has no insulin, so it does not tell how insulin acts; give a record with insulin")
+    fall_mg_dl_U = rule / max(training.total_daily_dose_U, _MIN_DAILY_DOSE_U)
+    patient = ExtendedPatient.of(population, prior_of(population, known))
+    days = days_of_record(training, float(np.nanmean(training.reading_mg_dl)))
+    patient = _scaled_to(patient, days, fall_mg_dl_U)
+    target = _Target(patient, training, days, fall_mg_dl_U, spread)
+    p = np.zeros(patient.coordinates)
+    here, damping = target.at(p), _DAMPING
+    if not np.isfinite(here.cost):
         raise Refusal(
-            f"{left} are left without {WARM_UP_MIN / MIN_PER_H:.0f} h at the start and "
-            f"{how_many(held_out_days, 'day')} held out, and a twin needs {FEWEST_READINGS}; give a longer record, or "
-            "hold out fewer days"
-        )
-    rng = np.random.default_rng(seed)
-    target, noise = _Target(simulator, used), Noise()
-    z = np.vstack([np.zeros(simulator.coordinates), rng.standard_normal((starts - 1, simulator.coordinates))])
-    result = target.search(target.at(z, noise), noise, _FIRST_STEPS, tell)
-    if not np.isfinite(result.cost).any():
-        raise Refusal(
-            f"nobody near the people of {population.name} can have this record; choose another patient, or look at the "
+            f"the median person of {population.name} cannot have this record; choose another patient, or look at the "
             "doses of the record"
         )
-    for _ in range(_TURNS):
-        best = int(np.argmin(result.cost))
-        about_prior = result.residual[best] + result.jacobian[best] @ result.z[best]
-        noise = noise.learned(target.t_min, about_prior, result.jacobian[best])
-        result = target.search(target.again(result, noise), noise, _STEPS, tell)
-    best = int(np.argmin(result.cost))
-    mode, covariance = result.z[best], target.covariance(result, best, noise)
-    factor = np.linalg.cholesky(covariance)
-    scores = rng.standard_normal((draws, mode.size))
-    drawn = np.vstack([mode, mode + scores @ factor.T])
-    trajectories = simulator.glucose_mg_dl(drawn)
-    possible = np.isfinite(trajectories).all(axis=1)
-    drawn, trajectories = drawn[possible], trajectories[possible]
-    held_out = _held_out(days, simulator, trajectories, noise, end_min, rng) if held_out_days else None
-    log_mean = prior.mean + prior.factor @ mode[:-1]
-    log_covariance = prior.factor @ covariance[:-1, :-1] @ prior.factor.T
-    return Twin(
-        prior=prior,
-        log_mean=log_mean,
-        log_covariance=log_covariance,
-        noise=noise,
-        days=days,
-        fitted_min=(WARM_UP_MIN, end_min),
-        fit_rmse_mg_dl=float(np.sqrt(np.mean(result.residual[best] ** 2))),
-        agreeing_starts=int(np.count_nonzero(result.cost < result.cost[best] + _SAME_COST)),
-        starts=starts,
-        drawn=drawn,
-        courses_mg_dl=trajectories,
-        held_out=held_out,
-    )
+    for step in range(_STEPS):
+        damped = here.hessian + damping * np.diag(np.diag(here.hessian))
+        tried = np.clip(p - np.linalg.solve(damped, here.gradient), -_FARTHEST, _FARTHEST)
+        there = target.at(tried)
+        better, fallen = there.cost < here.cost, here.cost - there.cost
+        tell(f"step {step + 1}")
+        damping *= _EASED if better else _RAISED
+        if better:
+            p, here = tried, there
+        if (better and fallen < _SETTLED) or damping > _MAX_DAMPING:
+            break
+    return Mode(patient, p, np.asarray(np.linalg.inv(here.hessian), np.float64))
 
 
-def _held_out(
-    days: RecordedDays,
-    simulator: Simulator,
-    trajectories: Values,
-    noise: Noise,
-    end_min: float,
-    rng: np.random.Generator,
-) -> HeldOut:
-    """Prediction of the readings from a time on, without any of them."""
-    chosen, before = days.reading_min >= end_min, days.reading_min < end_min
-    t_min, readings = days.reading_min[chosen], days.reading_mg_dl[chosen]
-    if t_min.size < 2:
-        raise Refusal("the days that are held out have no readings; hold out more days, or none")
-    predicted = days.at_readings(trajectories, chosen)
-    errors = noise.drawn(t_min, len(predicted), rng)
-    low, _, high = np.percentile(predicted + errors, _INTERVAL_PCT, axis=0)
-    median = days.at_readings(simulator.glucose_mg_dl(np.zeros((1, simulator.coordinates))), chosen)[0]
-    return HeldOut(
-        t_min=t_min,
-        reading_mg_dl=readings,
-        predicted_mg_dl=predicted[0],
-        low_mg_dl=low,
-        high_mg_dl=high,
-        by_population_rmse_mg_dl=_rmse(readings - median),
-        by_mean_rmse_mg_dl=_rmse(readings - days.reading_mg_dl[before].mean()),
-    )
+def _scaled_to(patient: ExtendedPatient, days: Days, fall_mg_dl_U: float) -> ExtendedPatient:
+    """The patient whose median person falls by 1 U as given, by one factor on the sensitivities to insulin."""
+    for _ in range(_SCALINGS):
+        fall = patient.fall_mg_dl_U(np.zeros(patient.coordinates), days.working_mg_dl)
+        if not (np.isfinite(fall) and fall > 0.0):
+            break
+        try:
+            patient = patient.with_sensitivity(float(np.clip(fall_mg_dl_U / fall, *_SCALED)))
+        except Refusal:  # no parameter is proportional to it: the population is taken as it is
+            break
+    return patient
 
 
-def _rmse(error: Values) -> float:
-    return float(np.sqrt(np.mean(error**2)))
+class _Target:
+    """Cost that is minimised."""
+
+    def __init__(
+        self, patient: ExtendedPatient, training: GriddedRecord, days: Days, fall_mg_dl_U: float, spread: float
+    ) -> None:
+        self._days, self._log_fall, self._spread = days, np.log(fall_mg_dl_U), spread
+        origins = np.array([o for o in _apart(origins_of(training, _WARM_UP))], dtype=np.int64)
+        last = len(days.reading_mg_dl) - 1
+        self._origins = np.append(origins, np.full(-origins.size % _ORIGINS_TOGETHER, last))
+        readings = np.append(days.reading_mg_dl, np.nan)
+        self._readings = readings[np.minimum(self._origins + _HORIZONS[:, None], last + 1)]
+        future = usual_day(training).future(training, known=True).insulin_U
+        self._future_mU_min = np.append(future, np.zeros(last + 1 - future.size)) * MU_PER_U / SAMPLE_MIN
+        self._count = _FORECASTS_PER_DAY * training.days / _HORIZONS.size
+        self._program, self._numbers = _program(patient.fixed), patient.numbers
+
+    def at(self, p: Values) -> _Expansion:
+        """Expansion of the cost at coordinates; a cost of infinity for a person who cannot be."""
+        (glucose, log_fall), (slopes, fall_slopes) = jax.tree.map(
+            np.asarray, self._program(p, self._numbers, self._days, self._future_mU_min, self._origins)
+        )
+        there = np.isfinite(self._readings)
+        if not (np.isfinite(glucose[there]).all() and np.isfinite(log_fall)):
+            return _Expansion(np.inf, np.zeros(p.size), np.eye(p.size))
+        off = (float(log_fall) - self._log_fall) / self._spread
+        cost = 0.5 * float(p @ p + off**2)
+        gradient = p + off * fall_slopes / self._spread
+        hessian = np.eye(p.size) + np.outer(fall_slopes, fall_slopes) / self._spread**2
+        for h in range(_HORIZONS.size):
+            error, slope = (glucose[h] - self._readings[h])[there[h]], slopes[h][there[h]]
+            if not error.size:
+                continue
+            square = float(np.mean(error**2)) + _ROUNDING_VARIANCE
+            weight = self._count / (square * error.size)
+            cost += 0.5 * self._count * np.log(square)
+            gradient = gradient + weight * slope.T @ error
+            hessian = hessian + weight * slope.T @ slope
+        return _Expansion(cost, gradient, hessian)
+
+
+def _apart(origins: npt.NDArray[np.int64]) -> list[int]:
+    """Origins that are not too near to one another."""
+    kept: list[int] = []
+    for origin in origins.tolist():
+        if not kept or origin >= kept[-1] + _STRIDE:
+            kept.append(origin)
+    return kept
+
+
+@functools.lru_cache(maxsize=8)
+def _program(fixed: ProgramKey) -> Any:
+    """Forecasts ``(horizons, origins)`` and the logarithm of the fall by 1 U, with their changes by coordinates."""
+
+    def forecasts(
+        p: jax.Array, numbers: Numbers, days: Days, future_mU_min: jax.Array, origins: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        patient = ExtendedPatient.traced(fixed, numbers)
+        person = patient.person(p)
+        linear = patient.linearised(person, p, days.working_mg_dl)
+        moments = patient.moments(person, days)
+        states = patient.filtered(person, p, linear, days, moments)
+        at = jnp.minimum(origins + jnp.arange(1, _HORIZONS[-1] + 1)[:, None], len(days.reading_mg_dl) - 1)
+        inputs = SampleInputs(
+            insulin_mU_min=future_mU_min[at],
+            moments=jnp.moveaxis(moments[at, ..., 0], 1, -1),
+            appearance_mg_min=(days.waves @ linear.level_mg_min)[at],
+            clock_min=SAMPLE_MIN * (at % SAMPLES_PER_DAY),
+        )
+        glucose = patient.ahead(person, p, linear.return_mg_min, days.mean_mg_dl, states[origins].T, inputs)
+        return glucose[_HORIZONS - 1], jnp.log(linear.fall_mg_dl_U)
+
+    @jax.jit
+    def expanded(p: jax.Array, *given: Any) -> Any:
+        def along(tangent: jax.Array) -> Any:
+            return jax.jvp(lambda p: forecasts(p, *given), (p,), (tangent,))
+
+        return jax.vmap(along, out_axes=(None, -1))(jnp.eye(p.size))
+
+    return expanded

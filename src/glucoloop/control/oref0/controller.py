@@ -276,6 +276,7 @@ class Oref0(OfPerson, name="oref0"):
     def dosing(self) -> DosingProfile:
         """Profile of oref0, from that of the person and the settings."""
         profile = self._person
+        most = profile.max_daily_basal_mU_min
         basal: jax.Array = jnp.maximum(u_h_from_mu_min(jnp.asarray(profile.basal_mU_min)), _MIN_BASAL_U_H)
         target = whole(jnp.asarray(profile.setpoint_mg_dl, basal.dtype))
         by_rule = _BASAL_HOURS * basal + profile.daily_dose_U() * _MEAL_SHARE / _MEALS_A_DAY
@@ -289,7 +290,7 @@ class Oref0(OfPerson, name="oref0"):
         }
         return DosingProfile(
             current_basal_U_h=basal,
-            max_daily_basal_U_h=basal,
+            max_daily_basal_U_h=basal if most is None else jnp.maximum(basal, u_h_from_mu_min(jnp.asarray(most))),
             max_basal_U_h=u_h_from_mu_min(jnp.asarray(maximum)),
             sens_mg_dl_U=self.correction_mg_dl_U or profile.correction_factor(),
             carb_ratio_g_U=self.carb_ratio_g_U or profile.carb_ratio(),
@@ -398,5 +399,5 @@ class Oref0(OfPerson, name="oref0"):
         rate = delivered_since(observation, state.requested_mU_min)
         rate = jnp.clip(rate, self.limits.min_mU_min, self.limits.max_mU_min)
         bolus = bolus_since(observation, state.requested_mU, self.bolus)
-        insulin_U: jax.Array = ((rate - self.basal_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
+        insulin_U: jax.Array = ((rate - self.basal_since_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
         return insulin_U

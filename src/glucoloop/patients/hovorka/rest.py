@@ -21,7 +21,7 @@ _ROUNDING: Final = 1e-12
 """Fraction of production by which it may seem to fall short of the loss where a person rests without insulin."""
 
 
-def insulin_at_rest(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
+def _insulin_at_rest(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
     """S1, S2, I, x1, x2, x3 `(6, ...)` under a constant infusion."""
     depot = insulin_mU_min * p.t_maxI
     I = insulin_mU_min / (p.k_e * p.insulin_volume_l)
@@ -38,7 +38,7 @@ def _state(p: HovorkaConstants, Q1: jax.Array, insulin: jax.Array) -> jax.Array:
 def rest_under(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
     """Steady state `(9, ...)` under a constant infusion `(...)` of 0 or more."""
     u = jnp.broadcast_to(jnp.asarray(insulin_mU_min, float), shape_of_people(p, insulin_mU_min))
-    insulin = insulin_at_rest(p, u)
+    insulin = _insulin_at_rest(p, u)
     x1, x2, x3 = insulin[3:]
     return _state(p, p.glucose_at_rest(p.hepatic_production(x3), x1 * x2 / (p.k_12 + x2)), insulin)
 
@@ -62,7 +62,7 @@ def rest_at(p: HovorkaConstants, glucose_mg_dl: jax.Array) -> tuple[jax.Array, j
     """
     u: jax.Array = infusion_for(p, glucose_mg_dl)
     Q1 = jnp.asarray(glucose_mg_dl, float) / MG_DL_PER_MMOL_L * p.glucose_volume_l + 0.0 * u
-    return u, _state(p, Q1, insulin_at_rest(p, u))
+    return u, _state(p, Q1, _insulin_at_rest(p, u))
 
 
 def glucose_without_insulin_mg_dl(p: HovorkaConstants) -> jax.Array:

@@ -174,7 +174,7 @@ def _notes(config: BoundRequest, bounds: _Bounds) -> Iterator[str]:
     if config.hedged:
         yield (
             "Told from noise: two worlds, this meal and none, or this meal and one a fifth larger, with the same "
-            "doses until they can be told apart with the stated error. The largest deviation is that of "
+            "doses until they can be distinguished with the stated error. The largest deviation is that of "
             "the worse world; undershoot and peak are those of this meal."
         )
     elif config.noisy:

@@ -129,7 +129,7 @@ def _first(of: Mapping[str, Any]) -> str:
     return (
         f"{best}, {caption}"
         if of["distinguished"]
-        else f"{best}, which is not told apart from {of['second']}: {caption}"
+        else f"{best}, which does not differ significantly from {of['second']}: {caption}"
     )
 
 

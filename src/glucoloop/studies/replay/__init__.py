@@ -49,14 +49,8 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
         str | None, _replay("Folder of `glucoloop twin`, with the twin of the person of the record.", metavar="FOLDER")
     ] = None
     draws: Annotated[
-        int, _replay("People drawn from the posterior of the twin, for the intervals.", at_least=10, at_most=1000)
-    ] = 50
-    carry: Annotated[
-        bool,
-        _replay(
-            "Carry along what the twin does not explain: add the residual of each reading to the glucose of the replay."
-        ),
-    ] = False
+        int, _replay("People drawn from the posterior of the twin, for the intervals.", at_least=0, at_most=200)
+    ] = 10
     unannounced: Annotated[
         bool, _replay("Do not tell the controller of the meals of the record.", needs=(ANNOUNCEMENTS,))
     ] = False
@@ -102,13 +96,14 @@ REPLAY: Final = PlainStudy(
     help=(
         "Simulate the days of a record again on the person's twin, with doses of a controller in place of those that "
         "were given.\n\n"
-        "Meals are those of the record, announced when they were entered. Beside each controller stand the recorded "
-        "glucose, and the twin under the recorded doses: the difference from the latter, person by person of the "
-        "posterior, is what the therapy changes. What the twin does not explain of the readings is left out, or "
-        "carried along with --carry; the page says which.\n\n"
+        "Meals are those of the record, announced when they were entered. What the record does not explain, such as "
+        "meals that nobody entered, stays as an appearance of glucose, with which the twin under the recorded doses "
+        "gives the record again; what a therapy changes is the difference from that. Everything is done again for a "
+        "twin with half and with one and a half of the sensitivity to insulin, which a record hardly tells, and for "
+        "people drawn from the posterior. Whether the twin predicted the days held out stands first.\n\n"
         f"{COMPONENTS_HELP}\n\n"
         "  glucoloop replay record.parquet --twin twin --controller profile-mpc --out replay\n\n"
-        "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller profile-mpc --carry"
+        "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller profile-mpc"
     ),
     module="glucoloop.studies.replay.study",
     request=ReplayRequest,

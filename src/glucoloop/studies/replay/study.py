@@ -1,10 +1,9 @@
-"""Work of a replay: the twin and people of its posterior under the recorded doses, and under each controller."""
+"""Work of a replay: the twin and people near it under the recorded doses, and under each controller."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -17,10 +16,10 @@ import polars as pl
 from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
-from glucoloop.build.surroundings import Surroundings, surroundings_of
+from glucoloop.build.surroundings import surroundings_of
+from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord
 from glucoloop.meals import Eaten
 from glucoloop.metrics import RunningMetrics
-from glucoloop.patients.capabilities import sites
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, terminal_table
@@ -29,25 +28,29 @@ from glucoloop.reporting.print_figure import figure_files
 from glucoloop.reporting.template import render
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
+from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.situations.case import Case
+from glucoloop.situations.population import person_of
 from glucoloop.situations.situation import Situation
 from glucoloop.storage.results import Results
 from glucoloop.studies.replay import ReplayRequest, twin_values
-from glucoloop.studies.twin.study import days_of
+from glucoloop.studies.twin.study import record_of
 from glucoloop.text import how_many
 from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.twins import RecordedDays, ResidualSensor, Simulator, StoredTwin
-from glucoloop.twins.days import SAMPLE_MIN
-from glucoloop.twins.trajectory import WARM_UP_MIN
+from glucoloop.twins import Explained, StoredTwin, explained, people_of
+from glucoloop.twins.twin import record_sentences, rises_without_carbs_pct
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
 Values = npt.NDArray[np.float64]
 
 _RECORD: Final = "record"
 _RECORDED_DOSES: Final = "twin, recorded doses"
-_LONGEST_FILLED_MIN: Final = 60.0
-"""Longest time without readings over which a residual is carried."""
+_PERSON: Final = "person.toml:twin"
+_SENSITIVITIES: Final = (0.5, 1.5)
+"""Factors on the sensitivity to insulin between which a record hardly tells."""
+_WARM_UP_MIN: Final = 720.0
+"""Time at the start that is not counted: the state forgets how it was begun."""
 _SHOWN_DAYS: Final = 2.0
 
 
@@ -63,8 +66,8 @@ class _Arm:
 
     def numbers(self) -> dict[str, Values]:
         """Numbers of each person ``(people,)``, after the first hours."""
-        glucose = self.glucose_mg_dl[:, self.t_min >= WARM_UP_MIN]
-        insulin = self.insulin_mU_min[:, round(WARM_UP_MIN / SAMPLE_MIN) :]
+        glucose = self.glucose_mg_dl[:, self.t_min >= _WARM_UP_MIN]
+        insulin = self.insulin_mU_min[:, round(_WARM_UP_MIN / SAMPLE_MIN) :]
         there = np.isfinite(glucose)
         count = there.sum(axis=1)
 
@@ -86,89 +89,107 @@ class _Arm:
 class _Replayed:
     """All arms, the twin under the recorded doses first, and the record."""
 
-    days: RecordedDays
-    grid: SampleGrid
+    record: GriddedRecord
     arms: tuple[_Arm, ...]
-    left_out: int
+    sensitivities: tuple[float, ...]
+    """Factors on the sensitivity of the first people."""
 
 
 def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Results:
     """Replay the record under each controller; Refusal for one that cannot be designed."""
-    values = twin_values(config.twin)
     try:
-        twin = StoredTwin.of(values)
+        twin = StoredTwin.of(twin_values(config.twin))
     except Refusal as error:
         raise error.within(str(config.twin)) from None
-    days = days_of(config)
+    record = record_of(config)
     if abs(config.sample_time_min - SAMPLE_MIN) > 1e-9:
         raise Refusal(f"a replay has samples of {SAMPLE_MIN:g} min, as its twin; leave --sample-time out")
-    replayed = _replayed(config, twin, days, progress)
-    rows = [_row(_RECORD, {name: value[:1] for name, value in _record(days).numbers().items()}, None)]
+    replayed = _replayed(config, twin, record, progress)
+    ends = replayed.sensitivities
+    rows = [_row(_RECORD, {name: value[:1] for name, value in _record(record).numbers().items()}, None, ())]
     recorded = replayed.arms[0].numbers()
-    rows += [_row(arm.name, arm.numbers(), None if arm is replayed.arms[0] else recorded) for arm in replayed.arms]
-    plain = {
-        "config": config.tree(whole=True),
-        "carried": config.carry,
-        "people": len(replayed.arms[0].glucose_mg_dl),
-        "days": days.length_min / MIN_PER_DAY,
-        "meals": days.meals,
-        "rows": rows,
-        "notes": [*days.notes, *_notes(config, replayed)],
+    rows += [
+        _row(arm.name, arm.numbers(), None if arm is replayed.arms[0] else recorded, ends) for arm in replayed.arms
+    ]
+    on_record = {
+        "automatic_insulin_pct": record.automatic_insulin_pct,
+        "rises_without_carbs_pct": rises_without_carbs_pct(record),
     }
-    table = pl.DataFrame(rows)
-    return Results(plain, {"numbers.csv": table, "courses.parquet": _courses(replayed)}, replayed)
+    plain = {
+        "verdict": twin.verdict,
+        "predicts": twin.predicts,
+        "config": config.tree(whole=True),
+        "people": len(replayed.arms[0].glucose_mg_dl),
+        "sensitivities": list(ends),
+        "days": record.days,
+        "meals": int(np.count_nonzero(record.carbs_g)),
+        "record": on_record,
+        "rows": rows,
+        "notes": [*record.notes, *record_sentences(on_record), *_notes(replayed)],
+    }
+    first = {"verdict": twin.verdict}
+    table = pl.DataFrame([{**first, **row} for row in rows])
+    courses = _courses(replayed).with_columns(pl.lit(twin.verdict).alias("verdict"))
+    return Results(plain, {"numbers.csv": table, "courses.parquet": courses}, replayed)
 
 
 def _replayed(
-    config: ReplayRequest, twin: StoredTwin, days: RecordedDays, progress: Callable[[str], None]
+    config: ReplayRequest, twin: StoredTwin, record: GriddedRecord, progress: Callable[[str], None]
 ) -> _Replayed:
-    start = f"{days.first:%H:%M}"
-    situation = Situation(**{**{name: getattr(config, name) for name in Situation.settings()}, "start": start})
-    z = twin.coordinates(config.draws, config.seed)
-    simulator = Simulator.of(twin.people(Simulator.parameters(twin.posterior, z)), twin.posterior, days)
-    values, x = simulator.starts(z)
-    people = virtual_people(
-        twin.people(values), situation.seed, np.arange(len(z)), setpoint_mg_dl=situation.target_mg_dl
+    settings = {name: getattr(config, name) for name in Situation.settings()}
+    situation = Situation(**{**settings, "start": f"{record.first:%H:%M}"})
+    try:
+        ends = tuple((factor, twin.patient.with_sensitivity(factor)) for factor in _SENSITIVITIES)
+    except Refusal:  # no parameter is proportional to it
+        ends = ()
+    persons = [(twin.patient, twin.p), *((patient, twin.p) for _, patient in ends)]
+    persons += [(twin.patient, p) for p in twin.drawn(config.draws, config.seed)]
+    fits = list[Explained]()
+    for number, (patient, p) in enumerate(persons):
+        fits.append(explained(patient, p, record, twin.mean_mg_dl))
+        progress(f"{number + 1} of {how_many(len(persons), 'person', 'people')} explained")
+    values = [{name: float(of[0]) for name, of in patient.values(p).items()} for patient, p in persons]
+    profile = person_of(f"{config.twin}/{_PERSON}", twin.patient.prior.patient, 0).table
+    drawn = people_of(
+        twin.patient.prior.patient, values, {} if profile is None else profile.profile_of(profile.names[0])
     )
-    possible = people.feasible & np.isfinite(x).all(axis=0)
-    if not possible[0]:
+    people = virtual_people(drawn, situation.seed, np.arange(len(persons)), setpoint_mg_dl=situation.target_mg_dl)
+    possible = np.flatnonzero(people.feasible)
+    if not people.feasible[: 1 + len(ends)].all():
         raise Refusal(
             f"no insulin infusion holds the twin at {situation.target_mg_dl:g} mg/dl; give another --setpoint"
         )
-    people = dataclasses.replace(people, rest=x).at(np.flatnonzero(possible))
-    samples = math.floor(days.length_min / SAMPLE_MIN)
-    grid = sample_grid(samples * SAMPLE_MIN, SAMPLE_MIN, days.clock_min)
-    seen = simulator.glucose_mg_dl(z[possible])[:, : samples + 1]
-    plasma = dataclasses.replace(simulator, site=sites(people.patient)[0])
-    recorded = plasma.glucose_mg_dl(z[possible])[:, : samples + 1]
-    progress(f"{how_many(len(seen), 'person', 'people')} under the recorded doses")
-    residual = _residual(days, seen) if config.carry else np.zeros_like(seen)
+    people = dataclasses.replace(people, rest=np.stack([fit.start for fit in fits], axis=-1)).at(possible)
+    glucose = np.stack([fits[place].glucose_mg_dl for place in possible])
+    unexplained = np.stack([fits[place].unexplained_mg_min for place in possible], axis=-1)
+    samples = record.reading_mg_dl.size
+    grid = sample_grid(samples * SAMPLE_MIN, SAMPLE_MIN, 0.0)
+    first = np.asarray(people.patient.glucose_mg_dl(jnp.asarray(people.rest)))[:, None]
     t_min = SAMPLE_MIN * np.arange(samples + 1, dtype=np.float64)
-    given = np.broadcast_to(days.insulin_mU_min[:samples], (len(seen), samples))
-    arms = [_Arm(_RECORDED_DOSES, t_min, recorded + residual, given)]
+    given = np.broadcast_to(MU_PER_U / SAMPLE_MIN * record.insulin_U, (len(possible), samples))
+    arms = [_Arm(_RECORDED_DOSES, t_min, np.concatenate([first, glucose], axis=1), given)]
     for case in config.cases:
-        run = _loop(situation, case, people, days, grid, residual if config.carry else None)
-        arms.append(_Arm(case.label, t_min, run.glucose_mg_dl.T + residual, run.insulin_mU_min.T))
+        run = _loop(situation, case, people, record, grid, unexplained)
+        arms.append(_Arm(case.label, t_min, run.glucose_mg_dl.T, run.insulin_mU_min.T))
         progress(case.label)
-    return _Replayed(days, grid, tuple(arms), int(np.count_nonzero(~possible)))
+    return _Replayed(record, tuple(arms), tuple(factor for factor, _ in ends))
 
 
 def _loop(
     situation: Situation,
     case: Case,
     people: VirtualPeople,
-    days: RecordedDays,
+    record: GriddedRecord,
     grid: SampleGrid,
-    residual: Values | None,
+    unexplained_mg_min: Values,
 ) -> CohortRun:
     """Loop of all people under a controller, which has the profile of each."""
-    eats = (days.carbs_g > 0.0) & (days.meal_min < grid.samples * SAMPLE_MIN)
-    bare = surroundings_of(situation, case.faults)
-
-    def with_residual(of: Values) -> Surroundings:
-        return Surroundings(sensor=ResidualSensor(inner=bare.sensor, residual_mg_dl=jnp.asarray(of)), pump=bare.pump)
-
+    eaten = np.flatnonzero(record.carbs_g)
     controller = controller_of(situation, case)
+
+    def inputs(place: npt.NDArray[np.intp]) -> PeopleMinuteInputs:
+        return PeopleMinuteInputs(grid, None, (), situation.seed, place, unexplained_mg_min[:, place])
+
     loop = PeopleLoop(
         situation,
         controller,
@@ -177,19 +198,21 @@ def _loop(
         RunningMetrics(
             setpoint_mg_dl=situation.target_mg_dl, limits=situation.limits, inside_min=tuple(grid.inside_min.tolist())
         ),
-        meals=Eaten(t_min=days.meal_min[eats], carbs_g=days.carbs_g[eats], eating_min=np.zeros(eats.sum())),
+        meals=Eaten(
+            t_min=np.asarray(SAMPLE_MIN * (eaten + 0.5), np.float64),
+            carbs_g=record.carbs_g[eaten],
+            eating_min=np.zeros(eaten.size),
+        ),
         controllers_of=with_profile_of_each(controller),
-        surroundings=bare if residual is None else with_residual(residual[0, :-1]),
-        varied=None if residual is None else with_residual(residual[:1, :-1].T),
-        start_min=days.clock_min,
-        engine=None if residual is None else "xla",  # a residual is looked up by the number of the sample
+        surroundings=surroundings_of(situation, case.faults),
+        start_min=0.0,
+        minute_inputs=inputs(np.arange(1)).names,
     )
 
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
         some = people.at(place)
-        own: dict[str, Any] = {} if residual is None else {"surroundings": with_residual(residual[place, :-1].T)}
-        return loop.run(some, keys_of_people(situation.seed, some.draw.person), **own)
+        return loop.run(some, keys_of_people(situation.seed, some.draw.person), minute_inputs=inputs(place))
 
     number = people.feasible.size
     runs = in_blocks(run, np.arange(number), block_size(loop.engine), None)
@@ -200,45 +223,52 @@ def _loop(
     return dataclasses.replace(runs[0], glucose_mg_dl=joined("glucose_mg_dl"), insulin_mU_min=joined("insulin_mU_min"))
 
 
-def _residual(days: RecordedDays, twin_mg_dl: Values) -> Values:
-    """Reading minus the twin at each sample ``(people, samples + 1)``; 0 where readings are missing for long."""
-    t_min = SAMPLE_MIN * np.arange(twin_mg_dl.shape[1])
-    reading = np.interp(t_min, days.reading_min, days.reading_mg_dl)
-    after = np.clip(np.searchsorted(days.reading_min, t_min), 1, days.reading_min.size - 1)
-    gap = days.reading_min[after] - days.reading_min[after - 1]
-    return np.where(gap <= _LONGEST_FILLED_MIN, reading - twin_mg_dl, 0.0)
-
-
-def _record(days: RecordedDays) -> _Arm:
+def _record(record: GriddedRecord) -> _Arm:
     """The record itself, at its readings."""
-    samples = math.floor(days.length_min / SAMPLE_MIN)
-    return _Arm(_RECORD, days.reading_min, days.reading_mg_dl[None], days.insulin_mU_min[None, :samples])
+    there = np.flatnonzero(np.isfinite(record.reading_mg_dl))
+    return _Arm(
+        _RECORD,
+        np.asarray(SAMPLE_MIN * (there + 1.0), np.float64),
+        record.reading_mg_dl[None, there],
+        MU_PER_U / SAMPLE_MIN * record.insulin_U[None],
+    )
 
 
-def _row(name: str, numbers: Mapping[str, Values], recorded: Mapping[str, Values] | None) -> dict[str, Any]:
-    """Numbers of an arm: of the twin, and from 5 to 95 % of the people; and differences from the recorded doses."""
+def _row(
+    name: str, numbers: Mapping[str, Values], recorded: Mapping[str, Values] | None, ends: Sequence[float]
+) -> dict[str, Any]:
+    """Numbers of an arm: of the twin, at both ends of the sensitivity, and the range of all people; and changes."""
     row: dict[str, Any] = {"therapy": name}
     for key, values in numbers.items():
-        row[key] = float(values[0])
         for what, of in (("", values), ("change_", None if recorded is None else values - recorded[key])):
-            if of is not None and of.size > 1:
-                low, high = np.percentile(of, (5.0, 95.0))
-                row |= {f"{what}{key}_low": float(low), f"{what}{key}_high": float(high)}
-        row[f"change_{key}"] = None if recorded is None else float(values[0] - recorded[key][0])
+            row[f"{what}{key}"] = None if of is None else float(of[0])
+            if of is None or of.size == 1:
+                continue
+            low, high = np.percentile(of[1 + len(ends) :], (5.0, 95.0)) if of.size > 1 + len(ends) else (of[0], of[0])
+            of_ends = of[: 1 + len(ends)]
+            row[f"{what}{key}_low"], row[f"{what}{key}_high"] = (
+                float(min(low, of_ends.min())),
+                float(max(high, of_ends.max())),
+            )
+            for place, factor in enumerate(ends):
+                row[f"{what}{key}_at_{factor:g}"] = float(of[1 + place])
     return row
 
 
 def _courses(replayed: _Replayed) -> pl.DataFrame:
     parts = []
     for arm in replayed.arms:
-        low, high = np.percentile(arm.glucose_mg_dl, (5.0, 95.0), axis=0)
+        ends = {
+            f"at_{factor:g}_mg_dl": arm.glucose_mg_dl[1 + place] for place, factor in enumerate(replayed.sensitivities)
+        }
         parts.append(
             pl.DataFrame(
                 {
                     "t_min": arm.t_min,
                     "glucose_mg_dl": arm.glucose_mg_dl[0],
-                    "low_mg_dl": low,
-                    "high_mg_dl": high,
+                    "low_mg_dl": arm.glucose_mg_dl.min(axis=0),
+                    "high_mg_dl": arm.glucose_mg_dl.max(axis=0),
+                    **ends,
                     "insulin_mU_min": np.append(arm.insulin_mU_min[0], np.nan),
                 }
             ).select(pl.lit(arm.name).alias("therapy"), pl.all())
@@ -246,16 +276,22 @@ def _courses(replayed: _Replayed) -> pl.DataFrame:
     return pl.concat(parts)
 
 
-def _notes(config: ReplayRequest, replayed: _Replayed) -> Iterator[str]:
+def _notes(replayed: _Replayed) -> Iterator[str]:
     yield (
-        "What the twin does not explain of the readings is carried along: the controller sees it, and it is in the "
-        "glucose of every therapy, as if it came from outside and no dose had changed it."
-        if config.carry
-        else "What the twin does not explain of the readings is left out; --carry carries it along."
+        "What the record does not explain stays as an appearance of glucose under every therapy, as if no dose had "
+        "changed it."
     )
-    if replayed.left_out:
-        who = how_many(replayed.left_out, "drawn person", "drawn people")
-        yield f"{who} could not rest at the target and were left out."
+    if replayed.sensitivities:
+        low, high = replayed.sensitivities
+        yield (
+            f"A record hardly tells how strongly insulin acts: each therapy stands also with {low:g} and {high:g} of "
+            "the twin's sensitivity, each with what the record then does not explain."
+        )
+    else:
+        yield (
+            "The patient does not declare which of its parameters are its sensitivity to insulin, so that only people "
+            "of the posterior show how far the record leaves it open."
+        )
 
 
 def _columns() -> Iterator[Column]:
@@ -270,37 +306,55 @@ def _columns() -> Iterator[Column]:
     for key, (head, short) in names.items():
         text = "{:.0f}".format if key == "mean_mg_dl" else "{:.1f}".format
         yield Column(name=key, group=head, head="twin", short=short, text=text)
-        yield Column(name=f"{key}_low", group=head, head="5th pct.", text=text, missing=lambda row: "")
-        yield Column(name=f"{key}_high", group=head, head="95th pct.", text=text, missing=lambda row: "")
+        yield Column(name=f"{key}_low", group=head, head="lowest", text=text, missing=lambda row: "")
+        yield Column(name=f"{key}_high", group=head, head="highest", text=text, missing=lambda row: "")
 
 
 _COLUMNS: Final = tuple(_columns())
 
 
 def _lines(results: Results) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Row of each therapy, and one at each end of the sensitivity."""
     names = [column.name for column in _COLUMNS]
-    return [(row["therapy"], [{name: row.get(name) for name in names}]) for row in results.rows]
+    lines = list[tuple[str, list[dict[str, Any]]]]()
+    for row in results.rows:
+        lines.append((row["therapy"], [{name: row.get(name) for name in names}]))
+        for factor in results.plain["sensitivities"]:
+            of_end = {name: row.get(f"{name}_at_{factor:g}") for name in names}
+            if of_end["mean_mg_dl"] is not None:
+                lines.append((f"{row['therapy']}, {factor:g} of the sensitivity", [of_end]))
+    return lines
 
 
 def tables(config: ReplayRequest, results: Results) -> Iterator[FittingTable]:
     """Numbers of the record, of the twin under the recorded doses, and under each controller."""
-    yield terminal_table("Therapy", [("", _lines(results))], _COLUMNS)
+    yield terminal_table("Therapy", [(results.plain["verdict"], _lines(results))], _COLUMNS)
 
 
 def sentences(config: ReplayRequest, results: Results) -> Iterator[str]:
-    """Sentences on what each controller changes, with its interval."""
-    for row in results.rows[2:]:
-        inside, below = (
-            (f"{row[f'change_{key}']:+.1f}", f"{row[f'change_{key}_low']:+.1f} to {row[f'change_{key}_high']:+.1f}")
-            for key in ("time_70_180_pct", "time_below_70_pct")
-        )
+    """Sentences on whether the twin predicts, and what each controller changes, with its interval."""
+    plain = results.plain
+    yield plain["verdict"]
+    if not plain["predicts"]:
         yield (
-            f"{row['therapy']} instead of the recorded doses: time from 70 to 180 mg/dl {inside[0]} percentage points "
-            f"({inside[1]} in 90 % of the people of the posterior), time below 70 mg/dl {below[0]} ({below[1]})."
+            "What a therapy would have changed is not claimed for such a twin; the numbers show only what its "
+            "equations make of the doses."
         )
+    else:
+        for row in results.rows[2:]:
+            inside, below = (
+                (f"{row[f'change_{key}']:+.1f}", f"{row[f'change_{key}_low']:+.1f} to {row[f'change_{key}_high']:+.1f}")
+                for key in ("time_70_180_pct", "time_below_70_pct")
+            )
+            yield (
+                f"{row['therapy']} instead of the recorded doses: time from 70 to 180 mg/dl {inside[0]} percentage "
+                f"points ({inside[1]}), time below 70 mg/dl {below[0]} ({below[1]})."
+            )
+    over = [f"{factor:g}" for factor in plain["sensitivities"]]
     yield (
-        "The intervals cover the uncertainty of the twin that the record leaves. They do not cover that another "
-        "therapy changes how a person eats and lives, nor what the patient model lacks."
+        f"The ranges are over {' and '.join(over) + ' of the sensitivity, and ' if over else ''}nine of ten people of "
+        "the posterior. They do not cover that another therapy changes how a person eats and lives, nor what the "
+        "patient model lacks."
     )
 
 
@@ -314,13 +368,12 @@ def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
         sentences=[*sentences(config, results), *results.plain["notes"]],
         facts={
             "Twin": config.patient.display_name,
-            "Record": f"{results.plain['days']:.1f} days with {results.plain['meals']} meals",
+            "Record": f"{results.plain['days']} days with {results.plain['meals']} meals",
             "Meals": "not announced" if config.unannounced else "announced when they were entered",
-            "Residual": "carried along" if config.carry else "left out",
-            "People": f"the twin and {results.plain['people'] - 1} drawn from its posterior",
+            "People": f"the twin, both ends of its sensitivity, and {config.draws} drawn from its posterior",
         },
         script=True,
-        plot=days_plot(days, "90 % of people"),
+        plot=days_plot(days, "range of all people"),
         rows=[(name, [("", row) for row in rows]) for name, rows in _lines(results)],
         columns=_COLUMNS,
     )
@@ -328,17 +381,23 @@ def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
 
 
 def _days_of_picture(replayed: _Replayed) -> DayTraces:
-    """The last days."""
-    days = replayed.days
-    begin = max(WARM_UP_MIN, days.length_min - _SHOWN_DAYS * MIN_PER_DAY)
+    """The last days: each therapy on the twin, and both ends of its sensitivity as the band."""
+    record = replayed.record
+    end_min = SAMPLE_MIN * record.reading_mg_dl.size
+    begin = max(_WARM_UP_MIN, end_min - _SHOWN_DAYS * MIN_PER_DAY)
     t_min = replayed.arms[0].t_min
     chosen = t_min >= begin
-    bands = {arm.name: np.percentile(arm.glucose_mg_dl[:, chosen], (5.0, 95.0), axis=0) for arm in replayed.arms}
+    there = np.isfinite(record.reading_mg_dl)
+    read_min = SAMPLE_MIN * (np.flatnonzero(there) + 1.0)
+    eaten = np.flatnonzero(record.carbs_g)
     return DayTraces(
-        first=days.first,
+        first=record.first,
         t_min=t_min[chosen],
-        reading_mg_dl=np.interp(t_min[chosen], days.reading_min, days.reading_mg_dl),
+        reading_mg_dl=np.interp(t_min[chosen], read_min, record.reading_mg_dl[there]),
         trajectory_mg_dl={arm.name: arm.glucose_mg_dl[0, chosen] for arm in replayed.arms},
-        band_mg_dl={name: (low, high) for name, (low, high) in bands.items()},
-        meals=days.meals_from(begin),
+        band_mg_dl={
+            arm.name: (arm.glucose_mg_dl[:, chosen].min(axis=0), arm.glucose_mg_dl[:, chosen].max(axis=0))
+            for arm in replayed.arms
+        },
+        meals=[(SAMPLE_MIN * at, float(record.carbs_g[at])) for at in eaten.tolist() if SAMPLE_MIN * at >= begin],
     )

@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.base import Component
 from glucoloop.component.grammar import Tree
-from glucoloop.limits import LARGEST_SEED
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import PATIENT_PANEL, Option
@@ -33,7 +32,7 @@ class RecordOfPerson(Component):
     ] = ()
     most_days: Annotated[
         int, _record("Days at most; of a longer record the last ones are used.", flag="--days", at_least=1, at_most=90)
-    ] = 14
+    ] = 28
     basal_U_h: Annotated[
         float | None,
         _record("Basal rate where the record tells none.", flag="--basal", metavar="U/h", above=0.0, at_most=35.0),
@@ -67,17 +66,18 @@ class TwinRequest(RecordOfPerson):
         _patient("Body weight, where it is known.", flag="--weight", metavar="KG", at_least=5.0, at_most=300.0),
     ] = None
     held_out_days: Annotated[
-        int,
+        int | None,
         _search(
-            "Last days whose readings are not used, and are predicted as a check; 0 for none.", at_least=0, at_most=30
+            "Last days whose readings are not used, and are predicted as a check; 0 for none.",
+            at_least=0,
+            at_most=30,
+            default="a third, 8 at most",
         ),
-    ] = 2
-    starts: Annotated[int, _search("Places from which the search begins.", at_least=1, at_most=32)] = 4
-    seed: Annotated[int, _search("The same seed gives the same twin.", at_least=0, at_most=LARGEST_SEED)] = 0
+    ] = None
 
     def __post_init__(self) -> None:
         patient_entry(self.patient)  # refuses an unknown one
-        if self.held_out_days >= self.most_days:
+        if self.held_out_days is not None and self.held_out_days >= self.most_days:
             raise Refusal(
                 f"--held-out-days is {self.held_out_days} of {self.most_days} days, so nothing is left; hold out fewer"
             )
@@ -90,8 +90,8 @@ TWIN: Final = PlainStudy(
         "Find a person's own model, the twin, from a record of ordinary life: readings of a sensor, meals and insulin, "
         "without any test dose.\n\n"
         "The twin is the most likely person of a family of patients, given the record and what is assumed of people "
-        "of that family; how sure it is follows from the record too. The last days are held out and predicted, and "
-        "what the record does not tell is said.\n\n"
+        "of that family, beside an appearance of glucose that nobody entered. The last days are held out and "
+        "predicted; whether the twin is to be relied on stands first, and what the record does not tell is said.\n\n"
         "  glucoloop records export.csv --out record.parquet\n\n"
         "  glucoloop twin record.parquet --weight 72 --out twin\n\n"
         "  glucoloop replay record.parquet --twin twin --controller profile-mpc --out replay\n\n"

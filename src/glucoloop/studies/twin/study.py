@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -10,6 +11,7 @@ import numpy as np
 import polars as pl
 import tomli_w
 
+from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord, gridded_record
 from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, terminal_table
@@ -19,9 +21,10 @@ from glucoloop.reporting.template import render
 from glucoloop.situations.population import population_keys
 from glucoloop.storage.results import Results
 from glucoloop.studies.twin import RecordOfPerson, TwinRequest
+from glucoloop.text import how_many
 from glucoloop.trials.trial import population_of
-from glucoloop.twins import RecordedDays, Twin, find_twin, recorded_days
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.twins import Twin, find_twin
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 if TYPE_CHECKING:
     from glucoloop.patients.population import Population
@@ -29,9 +32,12 @@ if TYPE_CHECKING:
 _PERSON: Final = "person.toml"
 _POSTERIOR: Final = "posterior.toml"
 _WEIGHT: Final = "weight_kg"
+_MAX_HELD_OUT: Final = 8
+"""Number of days that are held out at most where it is not given."""
+_PLOTTED_DAYS: Final = 2
 
 
-def days_of(config: RecordOfPerson) -> RecordedDays:
+def record_of(config: RecordOfPerson) -> GriddedRecord:
     """Days of the record that is asked for; Refusal with its files for one that is not enough."""
     if not config.files:
         raise Refusal("no record is given; give the path of one, like record.parquet")
@@ -42,35 +48,56 @@ def days_of(config: RecordOfPerson) -> RecordedDays:
             error = error.with_remedy("answer it in `glucoloop records`, and give the record that this writes")
         raise error from None
     try:
-        return recorded_days(record, most_days=config.most_days, basal_U_h=config.basal_U_h)
+        gridded = gridded_record(record, most_days=config.most_days)
+        if gridded.basal_U.any():
+            return gridded
+        if config.basal_U_h is None:
+            raise Refusal(
+                "it tells neither a basal rate nor long-acting insulin; give the rate with --basal, like --basal 0.8"
+            )
     except Refusal as error:
         raise error.within(", ".join(config.files)) from None
+    rate_U = np.full(gridded.basal_U.size, config.basal_U_h * SAMPLE_MIN / MIN_PER_H)
+    return dataclasses.replace(gridded, basal_U=rate_U)
 
 
 def results_of(config: TwinRequest, progress: Callable[[str], None]) -> Results:
     """Find the twin; Refusal for a record that is not enough, or a family whose people do not differ."""
-    days = days_of(config)
-    progress(f"{days.days} days")
-    twin = find_twin(
-        days,
-        population_of(config.population, config.patient),
-        known={} if config.weight_kg is None else {_WEIGHT: config.weight_kg},
-        held_out_days=config.held_out_days,
-        starts=config.starts,
-        seed=config.seed,
-        tell=progress,
-    )
-    notes = [*days.notes, *twin.warnings()]
+    record = record_of(config)
+    held_out_days = config.held_out_days
+    if held_out_days is None:
+        held_out_days = min(_MAX_HELD_OUT, max(1, record.days // 3))
+    progress(how_many(record.days, "day"))
+    try:
+        twin = find_twin(
+            record,
+            population_of(config.population, config.patient),
+            known={} if config.weight_kg is None else {_WEIGHT: config.weight_kg},
+            held_out_days=held_out_days,
+            tell=progress,
+        )
+    except Refusal as error:
+        raise error.within(", ".join(config.files)) from None
+    notes = [*record.notes, *twin.warnings()]
     return Results({**twin.plain(), "notes": notes}, _tables(twin), twin)
 
 
 def _tables(twin: Twin) -> dict[str, pl.DataFrame]:
-    held_out = twin.held_out
     parameters = pl.DataFrame(twin.rows())
-    if held_out is None:
+    if not twin.checks:
         return {"parameters.csv": parameters}
-    columns = {name: value for name, value in vars(held_out).items() if isinstance(value, np.ndarray)}
-    return {"parameters.csv": parameters, "held_out.csv": pl.DataFrame(columns)}
+    checks = pl.DataFrame([check.row() for check in twin.checks])
+    errors = twin.day
+    day = pl.DataFrame(
+        {
+            "t_min": errors.t_min,
+            "reading_mg_dl": errors.reading_mg_dl,
+            "predicted_mg_dl": errors.forecast_mg_dl,
+            "low_mg_dl": errors.forecast_mg_dl - errors.half_width_mg_dl,
+            "high_mg_dl": errors.forecast_mg_dl + errors.half_width_mg_dl,
+        }
+    )
+    return {"parameters.csv": parameters, "checks.csv": checks, "held_out.csv": day}
 
 
 def _number(value: float) -> str:
@@ -94,27 +121,30 @@ def tables(config: TwinRequest, results: Results) -> Iterator[FittingTable]:
     rows = results.plain["parameters"]
     yield terminal_table(
         "Parameter",
-        [("", [(row["parameter"], [row]) for row in rows])],
+        [(results.plain["verdict"], [(row["parameter"], [row]) for row in rows])],
         _COLUMNS,
         caption="Width: of the interval, in percent of that of the population.",
     )
 
 
 def sentences(config: TwinRequest, results: Results) -> Iterator[str]:
-    """Sentences on what was found, and how well it predicts."""
+    """Sentences on whether the twin predicts, on what was found, and how well it forecasts."""
     plain = results.plain
-    record, held_out = plain["record"], plain["held_out"]
+    record = plain["record"]
+    yield plain["verdict"]
     yield (
-        f"A twin of {plain['patient']} was found from {record['fitted_days']:.1f} days with "
-        f"{record['fitted_meals']} meals and {record['total_daily_dose_U']:.0f} U a day; readings lie "
-        f"{plain['fit_rmse_mg_dl']:.1f} mg/dl about it."
+        f"A twin of {plain['patient']} was found from {record['fitted_days']} days of "
+        f"{record['total_daily_dose_U']:.0f} U a day; 1 U lowers its glucose by {plain['fall_mg_dl_U']:.0f} mg/dl at "
+        "most."
     )
-    if held_out is not None:
+    if plain["checks"]:
+        errors = ", ".join(
+            f"{check['horizon']} {check['rmse_mg_dl']:.1f} mg/dl ({check['by_mean_rmse_mg_dl']:.1f} mg/dl by the mean)"
+            for check in plain["checks"]
+        )
         yield (
-            f"On the days held out it errs by {held_out['rmse_mg_dl']:.1f} mg/dl, the median of the population by "
-            f"{held_out['by_population_rmse_mg_dl']:.1f} mg/dl, and the mean of the earlier readings by "
-            f"{held_out['by_mean_rmse_mg_dl']:.1f} mg/dl; {held_out['covered_pct']:.0f} % of the readings lie within "
-            "the intervals of 90 %."
+            f"Errors of its forecasts of the days held out, with the meals and boluses of the user known: {errors}; "
+            f"{plain['checks'][-1]['covered_pct']:.0f} % of the readings of the day lie within the intervals of 90 %."
         )
     yield "It is a model of the past days, for research; it says nothing on what this person should do."
 
@@ -149,38 +179,38 @@ def _text(population: Population) -> bytes:
 
 
 def _days_of_picture(twin: Twin) -> DayTraces:
-    """Readings, the twin and its band: of the days held out, or of the last two that were used."""
-    days, held_out = twin.days, twin.held_out
-    begin = days.length_min - 2.0 * MIN_PER_DAY if held_out is None else twin.fitted_min[1]
-    chosen = days.reading_min >= max(begin, 0.0)
-    trajectories = days.at_readings(twin.courses_mg_dl, chosen)
-    band = (
-        np.percentile(trajectories, (5.0, 95.0), axis=0)
-        if held_out is None
-        else (held_out.low_mg_dl, held_out.high_mg_dl)
-    )
+    """Readings of the last two days, and their forecasts from the midnight before each."""
+    record, errors = twin.record, twin.day
+    begin = max(0.0, float(errors.t_min[-1]) - _PLOTTED_DAYS * MIN_PER_DAY)
+    chosen = errors.t_min >= begin
+    t_min, forecast, half = errors.t_min[chosen], errors.forecast_mg_dl[chosen], errors.half_width_mg_dl[chosen]
+    first_day = record.days - (twin.held_out_days or min(_PLOTTED_DAYS, record.days - 1))
+    shown = record.of_days(first_day, record.days)
     return DayTraces(
-        first=days.first,
-        t_min=days.reading_min[chosen],
-        reading_mg_dl=days.reading_mg_dl[chosen],
-        trajectory_mg_dl={"twin": trajectories[0]},
-        band_mg_dl={"twin": (band[0], band[1])},
-        meals=days.meals_from(begin),
+        first=shown.first,
+        t_min=t_min,
+        reading_mg_dl=errors.reading_mg_dl[chosen],
+        trajectory_mg_dl={"twin": forecast},
+        band_mg_dl={"twin": (forecast - half, forecast + half)},
+        meals=[
+            (SAMPLE_MIN * sample, float(shown.carbs_g[sample]))
+            for sample in np.flatnonzero(shown.carbs_g)
+            if SAMPLE_MIN * sample >= begin
+        ],
     )
 
 
 def _facts(twin: Twin) -> Mapping[str, str]:
-    noise, record = twin.noise, twin.plain()["record"]
+    noises, record = twin.plain()["unexplained"], twin.on_record()
     known: Any = ", ".join(f"{name} {value:g}" for name, value in twin.prior.known.items())
     return {
         "Family": f"{twin.patient}, population {twin.prior.population}",
         **({"Known": known} if known else {}),
         "Record": f"{record['readings']} readings and {record['meals']} meals from {record['first']} on",
-        "Error of readings": (
-            f"slow part {noise.slow_sd_mg_dl:.1f} mg/dl with a time constant of {noise.time_constant_min:.0f} min, own "
-            f"part {noise.own_sd_mg_dl:.1f} mg/dl"
+        "Unexplained appearance": (
+            f"as through a gut with a time constant of {noises['appearance_min']:.0f} min, a drift with one of "
+            f"{noises['drift_min']:.0f} min, and a return to the mean with one of {noises['return_min']:.0f} min"
         ),
-        "Search": f"{twin.agreeing_starts} of {twin.starts} starts ended at this twin",
     }
 
 

@@ -303,7 +303,7 @@ def _horizon_min(controller: str) -> float:
     return _SLOW_HORIZON_MIN if controller_entry(controller).slow else _HORIZON_MIN
 
 
-def trial_of(config: Verification, controller: str) -> Trial:
+def _trial_of(config: Verification, controller: str) -> Trial:
     """The situation of a controller's loops as a trial, whose people, meals and faults are those of the campaign."""
     settings = {
         "patient": PATIENTS.parse(config.patient),
@@ -436,7 +436,7 @@ def run_campaign(config: Verification, progress: Progress, done: int = 0) -> Ite
         bare_is_done = 2 * position < done
         if 2 * position + 1 < done:
             continue
-        person, order, trial = people[:number], _order(config.seed, name), trial_of(config, name)
+        person, order, trial = people[:number], _order(config.seed, name), _trial_of(config, name)
         bare = catalogue_controller(name, config.patient)
         loops = _WatchedLoops(trial, bare, order)
         # each person's time below 60 mg/dl is needed again for the effect of the guard
@@ -474,7 +474,7 @@ def _arm(
         "broken": dict(zip(PROMISES, (closed.broken > 0).sum(axis=1).tolist(), strict=True)),
         "repeated": again.size,
         "not_repeated": differ.tolist(),
-        "told": [
+        "examples": [
             {
                 "promise": promise,
                 "person": (number := int(person[i])),

@@ -287,6 +287,6 @@ def run_nonsense(config: Verification, progress: Progress, done: int = 0) -> Ite
                     "loops": loop.size,
                     "samples": NONSENSE_SAMPLES * loop.size,
                     "broken": {promise: int(where.sum()) for promise, where in broken.items()},
-                    "told": {promise: loop[where][:LISTED].tolist() for promise, where in broken.items()},
+                    "examples": {promise: loop[where][:LISTED].tolist() for promise, where in broken.items()},
                 }
             }

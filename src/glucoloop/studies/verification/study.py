@@ -52,7 +52,7 @@ class _Arm:
     broken: dict[str, int]
     repeated: int
     not_repeated: list[int]
-    told: list[dict[str, Any]]
+    examples: list[dict[str, Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class _NonsenseArm:
     loops: int
     samples: int
     broken: dict[str, int]
-    told: dict[str, list[int]]
+    examples: dict[str, list[int]]
 
 
 def notes(config: Verification) -> tuple[str, ...]:
@@ -263,11 +263,11 @@ def _broken(config: Verification, arm: Mapping[str, Any]) -> Iterator[str]:
     """Lines for the broken loops of a controller."""
     name, called = arm["controller"], _called(arm)
     if config.nonsense is not None:
-        for promise, loops in arm["told"].items():
+        for promise, loops in arm["examples"].items():
             repeat = functools.partial(config.repeat, name, timing=(arm["sample_time_min"], arm["precision"]))
             yield from (f"{called}, loop {loop}: {promise}; {repeat(loop)}" for loop in loops)
         return
-    for broken in arm["told"]:
+    for broken in arm["examples"]:
         yield (
             f"{called}, person {broken['person']}: {broken['promise']}; broken at {broken['samples']} samples, first "
             f"at {moment_text(broken['first_min'])}; {_faults(broken)}; {broken['repeat']}"

@@ -72,7 +72,7 @@ class _Translator(LinearAlgebra, Moves, Reductions, Loops):
 
     def _elementwise(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
         (output,) = operation.outputs
-        text = template(operation, self._w)
+        text = _template(operation, self._w)
         parts = [self._readable(operand, environment, flat) for operand in operation.inputs]
         if math.prod(output.shape) == 1:
             return self._number(text, [self._scalar(part).text for part in parts], output, flat)
@@ -139,7 +139,7 @@ def _views(records: Sequence[Structure]) -> list[View]:
 _OF_WHOLE: Final = ("max", "min", "abs", "div", "rem")
 
 
-def template(operation: Operation, writer: Writer) -> str:
+def _template(operation: Operation, writer: Writer) -> str:
     """The text of an operation on numbers, with places for its arguments."""
     name, equation = operation.name, operation.equation
     if name in (INSIDE, CLIP):

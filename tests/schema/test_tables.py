@@ -10,8 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from glucoloop.schema.parquet_size import parquet_size
-from glucoloop.schema.tables import TableBounds
+from glucoloop.schema.tables import TableBounds, parquet_size
 from glucoloop.storage.tables import parquet, read_parquet
 
 TABLES = {

@@ -1,0 +1,220 @@
+"""Texts of a therapy by the clock: ``basal, +10%, 0h-6h``, a target like ``110@22h``, and profiles in files.
+
+A text names a number of the therapy, an amount and hours. The amount is a value, in the unit in which people know the
+number, or a part of what holds without it: ``+10%``, ``-20%`` or ``90%``. The hours are ``0h-6h``, ``22:00-06:00``,
+``from 22h`` until midnight, a meal of the day, or, where they are left out, all day.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from glucoloop.component.number_text import NUMBER, UNITS_OF_TIME
+from glucoloop.component.setting import known_names
+from glucoloop.refusal import Refusal
+from glucoloop.situations.toml import read_toml, text_of_file
+from glucoloop.therapy import TARGET, TherapyChange
+from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_DAY, MU_MIN_PER_U_H
+
+
+class _Number(NamedTuple):
+    """A number of a therapy that a text can name."""
+
+    field: str
+    scale: float
+    """Factor from the unit of texts to that of the field."""
+    least: float
+    most: float
+    unit: str
+
+
+NUMBERS: Final = {
+    "basal": _Number("basal_mU_min", MU_MIN_PER_U_H, 0.0, 30.0, "U/h"),
+    "carb_ratio": _Number("carb_ratio_g_U", 1.0, 1.0, 200.0, "g/U"),
+    "correction": _Number("correction_mg_dl_U", 1.0, 2.0, 1000.0, "mg/dl/U"),
+    "target": _Number(TARGET, 1.0, 60.0, 300.0, "mg/dl"),
+}
+"""Numbers by the names that texts have for them."""
+MEAL_HOURS: Final = {"breakfast": (300.0, 660.0), "lunch": (660.0, 960.0), "dinner": (960.0, 1320.0)}
+"""Hours of the day that stand for a meal: 5 to 11 h, 11 to 16 h and 16 to 22 h."""
+_KEYS: Final = {f"{name}_{number.unit.replace('/', '_')}": name for name, number in NUMBERS.items()}
+"""Keys of a profile in TOML, which have their units: ``basal_U_h``."""
+_LEAST_PCT, _MOST_PCT = 10.0, 1000.0
+_CLOCK: Final = rf"(?:[0-9]{{1,2}}:[0-5][0-9]|{NUMBER}\s*(?:min|m|h))"
+_HOURS: Final = re.compile(rf"({_CLOCK})\s*-\s*({_CLOCK})", re.ASCII)
+_FROM: Final = re.compile(rf"from\s+({_CLOCK})", re.ASCII)
+_AMOUNT: Final = re.compile(rf"({NUMBER})\s*(%|[A-Za-z][A-Za-z/]*)?", re.ASCII)
+
+
+def parse_change(text: str) -> TherapyChange:
+    """Change of a number of a therapy from its text, like ``basal, +10%, 0h-6h``; Refusal for another text."""
+    name, amount, hours = _pieces(text)
+    number = NUMBERS.get(name)
+    if number is None:
+        raise Refusal(f"{name!r} in {text!r} is no number of a therapy; {known_names(name, NUMBERS)}")
+    from_min, to_min = parse_hours(hours)
+    match = _AMOUNT.fullmatch(amount)
+    if match is None:
+        raise Refusal(f"{amount!r} in {text!r} is no amount; write a value in {number.unit}, or a part like +10%")
+    if match[2] == "%":
+        return TherapyChange(number.field, from_min, to_min, factor=parse_percent(amount) / 100.0)
+    unit, scale = match[2] or number.unit, 1.0
+    if unit in ("mmol/l", "mmol/L", "mmol/l/U", "mmol/L/U") and number.unit.startswith("mg/dl"):
+        scale = MG_DL_PER_MMOL_L
+    elif unit.lower() != number.unit.lower():
+        raise Refusal(f"{unit!r} in {text!r} is no unit of {name}; give it in {number.unit}")
+    value = float(match[1]) * scale
+    if match[1][0] in "+-" or not number.least <= value <= number.most:
+        raise Refusal(
+            f"{amount!r} in {text!r} is no {name}; give one from {number.least:g} to {number.most:g} {number.unit}, "
+            "or a part like +10%"
+        )
+    return TherapyChange(number.field, from_min, to_min, value=value * number.scale)
+
+
+def _pieces(text: str) -> tuple[str, str, str]:
+    """Name, amount and hours of a text."""
+    pieces = [piece.strip() for piece in text.split(",")]
+    if not 2 <= len(pieces) <= 3 or not all(pieces):
+        raise Refusal(f"{text!r} is no change of a therapy; write it like 'basal, +10%, 0h-6h' or 'carb_ratio, 8'")
+    name, amount, hours = (*pieces, "")[:3]
+    return name, amount, hours
+
+
+def parse_percent(text: str) -> float:
+    """Percent of what holds otherwise: 110 for ``+10%`` and ``110%``, 80 for ``-20%``."""
+    match = re.fullmatch(rf"({NUMBER})\s*%", text.strip(), re.ASCII)
+    percent = math.nan if match is None else float(match[1]) + (100.0 if match[1][0] in "+-" else 0.0)
+    if not _LEAST_PCT <= percent <= _MOST_PCT:
+        raise Refusal(
+            f"{text!r} is no part of a number; give {_LEAST_PCT:g}% to {_MOST_PCT:g}% of it, or a difference like +10%"
+        )
+    return percent
+
+
+def parse_clock(text: str) -> float:
+    """Minutes after midnight of ``22h``, ``22:30`` or ``90min``, up to 1440."""
+    hours, colon, minutes = text.partition(":")
+    if colon:
+        result = float(hours) * UNITS_OF_TIME["h"] + float(minutes)
+    else:
+        match = re.fullmatch(rf"({NUMBER})\s*(min|m|h)", text.strip(), re.ASCII)
+        result = math.nan if match is None else float(match[1]) * UNITS_OF_TIME[match[2]]
+    if not 0.0 <= result <= MIN_PER_DAY:
+        raise Refusal(f"{text!r} is no time of day; write it like 22h or 22:30, from 0h to 24h")
+    return result
+
+
+def parse_hours(text: str) -> tuple[float, float]:
+    """Time of day at which hours begin and end; all day for an empty text."""
+    text = text.strip()
+    if not text:
+        return 0.0, MIN_PER_DAY
+    if text in MEAL_HOURS:
+        return MEAL_HOURS[text]
+    between, since = _HOURS.fullmatch(text), _FROM.fullmatch(text)
+    if between is not None:
+        first, last = parse_clock(between[1]), parse_clock(between[2])
+    elif since is not None:
+        first, last = parse_clock(since[1]), MIN_PER_DAY
+    else:
+        raise Refusal(
+            f"{text!r} are no hours of the day; write them like 0h-6h, 22:00-06:00 or from 22h, "
+            f"or {', '.join(MEAL_HOURS)}"
+        )
+    if first in (last, MIN_PER_DAY):
+        raise Refusal(f"the hours {text!r} are empty; give two different times, and 0h-24h for all day")
+    return first, last
+
+
+def change_text(change: TherapyChange) -> str:
+    """Text from which the same change is read."""
+    name = next(name for name, number in NUMBERS.items() if number.field == change.field)
+    amount = f"{_plain(change.factor * 100.0)}%" if change.value is None else _plain(change.value / NUMBERS[name].scale)
+    return f"{name}, {amount}, {_plain(change.from_min)}min-{_plain(change.to_min)}min"
+
+
+def _plain(value: float) -> str:
+    return repr(float(value)).removesuffix(".0")
+
+
+def target_change(text: str) -> TherapyChange:
+    """Change of the target from a text like ``110@22h`` or ``150@17h-19h``."""
+    value, at, hours = (piece.strip() for piece in text.partition("@"))
+    if not at or not value or not hours:
+        raise Refusal(f"{text!r} is no target by the clock; write it like 110@22h or 150@17h-19h")
+    return parse_change(f"target, {value}, {hours if '-' in hours else f'from {hours}'}")
+
+
+def target_texts(items: Iterable[str]) -> tuple[str, ...]:
+    """Texts of targets by the clock, each of which is one."""
+    texts = tuple(items)
+    for text in texts:
+        target_change(text)
+    return texts
+
+
+def profile_texts(items: Iterable[str]) -> tuple[str, ...]:
+    """Texts of changes of a profile: those that are given, and those of each file that is named.
+
+    A file that ends in ``.toml`` has keys like ``basal_U_h``, each a number or a table of times of day; one in
+    ``.json`` is a profile as Nightscout exports it.
+    """
+    result: list[str] = []
+    for item in items:
+        suffix = Path(item.strip()).suffix
+        if suffix in (".toml", ".json"):
+            text = text_of_file(item.strip(), "a profile")
+            read = _of_toml if suffix == ".toml" else _of_nightscout
+            result += [change_text(change) for change in read(text, item.strip())]
+        else:
+            result.append(change_text(parse_change(item)))
+    return tuple(result)
+
+
+def _of_toml(text: str, path: str) -> list[TherapyChange]:
+    """Changes of a profile in TOML."""
+    keys = read_toml(text, path).keys
+    unknown = next((key for key in keys if key not in _KEYS), None)
+    if unknown is not None:
+        raise Refusal(f"{path}: a profile has no {unknown!r}; {known_names(unknown, _KEYS)}")
+    changes: list[TherapyChange] = []
+    for key, value in keys.items():
+        table = value if isinstance(value, dict) else {"00:00": value}
+        if not table:
+            raise Refusal(f"{path}: {key} is empty; give a number, or times of day with a number each")
+        segments = [(parse_clock(time), str(amount)) for time, amount in table.items()]
+        changes += _segments(_KEYS[key], segments)
+    return changes
+
+
+def _of_nightscout(text: str, path: str) -> list[TherapyChange]:
+    """Changes of a profile of Nightscout: of the newest document, the default schedule."""
+    from glucoloop.records.file_text import json_of
+    from glucoloop.records.nightscout_profile import segments_of
+
+    segments = segments_of(json_of(text))
+    if segments is None:
+        raise Refusal(f"{path} is no profile of Nightscout; give one as its API exports it (api/v1/profile.json)")
+    changes: list[TherapyChange] = []
+    for name, values in segments.items():
+        changes += _segments(name, [(minute, repr(value)) for minute, value in values])
+    return changes
+
+
+def _segments(name: str, segments: list[tuple[float, str]]) -> Iterable[TherapyChange]:
+    """Changes of a number from each time of day until the next, the last one until the first of the next day."""
+    ordered = sorted(segments)
+    times = [time for time, _ in ordered]
+    if len(set(times)) < len(times) or times[-1] >= MIN_PER_DAY:
+        raise Refusal(
+            f"the times of {name} are {', '.join(f'{time:g} min' for time in times)}; give each once, below 24h"
+        )
+    for (start, amount), end in zip(ordered, [*times[1:], times[0]], strict=True):
+        whole = start == end
+        change = parse_change(f"{name}, {amount}")
+        yield change._replace(from_min=0.0 if whole else start, to_min=MIN_PER_DAY if whole else end)

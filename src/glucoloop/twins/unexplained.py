@@ -1,0 +1,167 @@
+"""Unexplained appearance of glucose in a record, with which the equations of a person give the record again.
+
+The most likely disturbances ``w`` of `twins.extended` minimise::
+
+    sum |w|²  +  sum (reading - glucose(w))² / variance of a reading
+
+They are found by Gauss and Newton: the difference between readings and simulated glucose is smoothed on the equations
+linearised about the steady state, by the gain of the stationary filter forwards and its adjoint backwards, and a step
+is shortened until the sum falls. The search begins where a proportional feedback on the readings, through `w_2`, keeps
+the simulation near them, however wrong the sensitivity to insulin is.
+
+References
+----------
+P. de Jong, "Smoothing and interpolation with the state-space model", J. Amer. Statist. Assoc. 84(408), 1989: the
+adjoint.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, Final, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord
+from glucoloop.refusal import Refusal
+from glucoloop.twins.extended import (
+    EXTRA_STATES,
+    Days,
+    ExtendedPatient,
+    Linearised,
+    Numbers,
+    ProgramKey,
+    days_of_record,
+)
+
+Values = npt.NDArray[np.float64]
+
+_SMOOTHINGS: Final = 12
+_HALVINGS: Final = 6
+_SETTLED: Final = 1e-3
+"""Relative fall of the sum below which the search has ended."""
+_RESPONSE: Final = 72
+"""Samples, 6 h, within which a disturbance has its largest effect."""
+_FOLLOWING_MIN: Final = 30.0
+"""Time constant with which the feedback of the start follows the readings."""
+
+
+class _Simulated(NamedTuple):
+    """Simulation under disturbances, of all samples."""
+
+    unexplained_mg_min: Values
+    seen_mg_dl: Values
+    glucose_mg_dl: Values
+    w_mg_min: Values
+    """``(samples, 3)`` disturbances with the feedback, where there is any."""
+
+
+class Explained(NamedTuple):
+    """A person in a record."""
+
+    unexplained_mg_min: Values
+    """``(samples,)`` appearance of glucose beside that of the meals."""
+    glucose_mg_dl: Values
+    """``(samples,)`` glucose after each sample that the equations give with it."""
+    start: Values
+    """``(states,)`` state of the patient at the start."""
+
+
+def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_mg_dl: float) -> Explained:
+    """Unexplained appearance of a record for a person with coordinates; Refusal for one who cannot be."""
+    days = days_of_record(record, mean_mg_dl)
+    linear = Linearised(*map(np.asarray, _linearised(patient.fixed)(p, patient.numbers, days.working_mg_dl)))
+    simulate, readings = _simulation(patient.fixed), days.reading_mg_dl
+    there = np.isfinite(readings)
+
+    def simulated(w: Values, feedback: float = 0.0) -> _Simulated:
+        arguments = (days, w * linear.unit_mg_min, feedback * linear.unit_mg_min[1])
+        return _Simulated(*map(np.asarray, simulate(p, patient.numbers, *arguments)))
+
+    def cost(w: Values, result: _Simulated) -> float:
+        total = float((w**2).sum() + ((readings - result.seen_mg_dl)[there] ** 2).sum() / linear.reading_variance)
+        return total if np.isfinite(total) else np.inf
+
+    pulse = np.zeros((_RESPONSE, 3))
+    pulse[0, 1] = 1.0
+    rise_mg_dl = float(_response(linear, pulse).max())
+    start = simulated(np.zeros((readings.size, 3)), SAMPLE_MIN / (_FOLLOWING_MIN * rise_mg_dl))
+    w = start.w_mg_min / linear.unit_mg_min
+    here = simulated(w)
+    total = cost(w, here)
+    if not np.isfinite(total):
+        raise Refusal("the equations of the twin cannot give this record; find the twin again from these days")
+    for _ in range(_SMOOTHINGS):
+        step, part = _smoothed(linear, readings - here.seen_mg_dl + _response(linear, w)) - w, 1.0
+        for _ in range(_HALVINGS):
+            tried = simulated(w + part * step)
+            new = cost(w + part * step, tried)
+            if new < total:
+                break
+            part *= 0.5
+        else:
+            break
+        fallen, w, here, total = 1.0 - new / total, w + part * step, tried, new
+        if fallen < _SETTLED:
+            break
+    samples = record.reading_mg_dl.size
+    return Explained(here.unexplained_mg_min[:samples], here.glucose_mg_dl[:samples], linear.state[:-EXTRA_STATES, 0])
+
+
+def _response(linear: Linearised, w: Values) -> Values:
+    """Glucose ``(samples,)`` by disturbances ``(samples, 3)`` in the linearised equations."""
+    state, result = np.zeros(linear.readout.size), np.empty(len(w))
+    for sample, forced in enumerate(w @ linear.disturbance.T):
+        state = linear.transition @ state + forced
+        result[sample] = linear.readout @ state
+    return result
+
+
+def _smoothed(linear: Linearised, signal: Values) -> Values:
+    """Most likely disturbances ``(samples, 3)`` for a signal ``(samples,)``, NaN where there is none."""
+    A, c, gain = linear.transition, linear.readout, linear.gain
+    scale = float(c @ linear.predicted @ c + linear.reading_variance)
+    state, innovation = np.zeros(c.size), np.zeros(signal.size)
+    there = np.isfinite(signal)
+    for sample in range(signal.size):
+        state = A @ state
+        if there[sample]:
+            innovation[sample] = signal[sample] - c @ state
+            state = state + gain * innovation[sample]
+    corrected = np.eye(c.size) - np.outer(gain, c)
+    adjoint, result = np.zeros(c.size), np.empty((signal.size, linear.disturbance.shape[1]))
+    for sample in range(signal.size - 1, -1, -1):
+        adjoint = A.T @ adjoint
+        if there[sample]:
+            adjoint = corrected.T @ adjoint + c * (innovation[sample] / scale)
+        result[sample] = linear.disturbance.T @ adjoint
+    return result
+
+
+@functools.lru_cache(maxsize=8)
+def _linearised(fixed: ProgramKey) -> Any:
+    @jax.jit
+    def linearised(p: jax.Array, numbers: Numbers, working_mg_dl: jax.Array) -> Linearised:
+        patient = ExtendedPatient.traced(fixed, numbers)
+        return patient.linearised(patient.person(p), p, working_mg_dl)
+
+    return linearised
+
+
+@functools.lru_cache(maxsize=8)
+def _simulation(fixed: ProgramKey) -> Any:
+    """Program of `ExtendedPatient.disturbed`."""
+
+    @jax.jit
+    def simulated(p: jax.Array, numbers: Numbers, days: Days, w_mg_min: jax.Array, feedback: jax.Array) -> Any:
+        patient = ExtendedPatient.traced(fixed, numbers)
+        person = patient.person(p)
+        linear = patient.linearised(person, p, days.working_mg_dl)
+        return patient.disturbed(
+            person, p, linear, days, patient.moments(person, days), jnp.asarray(w_mg_min), feedback
+        )
+
+    return simulated
