@@ -350,7 +350,7 @@ class Situation(Component):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the situation meets; a class that knows its meals, its controllers and its chance says less."""
-        clock = {TIME_OF_DAY} if self.rhythm else set()
+        clock = {TIME_OF_DAY} if self.rhythm or self.therapy or self.targets or self.overrides else set()
         late = {DEAD_TIME} if self.dead_time_min else set()
         announced = {MEALS_ANNOUNCED} if self.announce_meals or "announce_meals" in self.refused else set()
         return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late | announced
