@@ -29,7 +29,6 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._kept_programs import kept_jit
 from glucoloop.qp import QPSolution, solve_qp
 
 Values = npt.NDArray[np.float64]
@@ -109,7 +108,7 @@ class Minimum:
     iterations: int
 
 
-@kept_jit
+@jax.jit
 def _solve(H: jax.Array, f: jax.Array, G: jax.Array, h: jax.Array) -> QPSolution:
     return solve_qp(H, f, G, h, tolerance=_QP_TOLERANCE, max_iterations=_QP_ITERATIONS)
 
