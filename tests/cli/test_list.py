@@ -36,7 +36,7 @@ def test_a_name_of_two_kinds_is_told_of_both(glucoloop):
 
 
 def test_a_patient_is_told_with_its_points_and_populations(glucoloop):
-    text = glucoloop("list", "hovorka-2004").out
+    text = " ".join(glucoloop("list", "hovorka-2004").out.split())
     assert "Operating point fasting-120: held at 120 mg/dl" in text
     assert "Population boiroux2017" in text
     assert "min_insulin_mU_min 0, max_insulin_mU_min 66.9" in text

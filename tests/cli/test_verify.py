@@ -20,7 +20,7 @@ KEPT = {
     "broken": dict.fromkeys(PROMISES, 0),
     "repeated": 7,
     "not_repeated": [],
-    "told": [],
+    "examples": [],
 }
 EFFECT = {
     "controller": "pid",
@@ -42,7 +42,7 @@ BREACH = {
     "faults": ["nonsense, key=11, start_min=30, value=nan"],
     "repeat": AGAIN,
 }
-BROKEN = {"broken": {**KEPT["broken"], DOSE: 1}, "told": [BREACH], "not_repeated": [8, 9]}
+BROKEN = {"broken": {**KEPT["broken"], DOSE: 1}, "examples": [BREACH], "not_repeated": [8, 9]}
 BREAKS = [{"arm": KEPT}, {"arm": {**KEPT, "guarded": True, **BROKEN}, "guarding": EFFECT}]
 ASKED = ("verify", "--seed", 3, "--controller", "pid", "--loops", 100)
 
@@ -100,7 +100,7 @@ def test_json_is_the_same(glucoloop, finds):
     found = answer.json
     assert (found["loops"], found["samples"], found["seed"], found["interrupted"]) == (100, 28800, 3, False)
     assert {promise: count for promise, count in found["violations"].items() if count} == {DOSE: 1, SAME_BITS: 2}
-    told = found["arms"][1]["told"][0]
+    told = found["arms"][1]["examples"][0]
     assert (told["person"], told["faults"], told["repeat"]) == (17, BREACH["faults"], AGAIN)
     assert found["guarding"][0]["worse"] == 1
 
@@ -189,7 +189,7 @@ def test_a_campaign_runs(glucoloop, monkeypatch):
 @pytest.mark.parametrize("broken", [{}, {CAPS: (7, 9)}])
 def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatch, broken):
     told = {promise: broken.get(promise, ()) for promise in OF_CONTROLLER}
-    arm = {"controller": "pid", "loops": 50, "samples": 50 * NONSENSE_SAMPLES, "told": told}
+    arm = {"controller": "pid", "loops": 50, "samples": 50 * NONSENSE_SAMPLES, "examples": told}
     arm |= {"sample_time_min": 5.0, "precision": "float64"}
     arm["broken"] = {promise: len(loops) for promise, loops in told.items()}
     monkeypatch.setattr(study, "run_nonsense", lambda given, progress, done: iter([{"arm": arm}][done:]))

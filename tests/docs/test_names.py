@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import glucoloop
+from glucoloop._extras import MissingExtraError
 
 DOCS = Path(__file__).parents[2] / "docs"
 SOURCE = Path(glucoloop.__file__).parent
@@ -22,6 +23,8 @@ OTHERS = {
 }
 """Names that are none of our classes: of Python, of other libraries, and that of an example to be written."""
 GROUPS = {
+    "actions",
+    "profile_errors",
     *("controllers", "estimators", "habits", "meal_models", "patients", "pumps", "readers", "rescues", "rhythms"),
     *("forecast_methods", "samplers", "scenarios", "sensors"),
 }
@@ -47,8 +50,11 @@ def resolves(dotted):
         except ModuleNotFoundError:
             continue
         for name in parts[known:]:
-            if not hasattr(value, name) and name not in getattr(value, "__annotations__", {}):
-                return False
+            try:
+                if not hasattr(value, name) and name not in getattr(value, "__annotations__", {}):
+                    return False
+            except MissingExtraError:  # it is there, and its library is not
+                return True
             value = getattr(value, name, None)
         return True
     return False

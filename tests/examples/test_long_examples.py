@@ -33,6 +33,13 @@ def test_a_policy_gets_better_and_is_compared(capsys, monkeypatch):
     assert in_range["linear policy"] > in_range["basal"]
 
 
+def test_ppo_of_stable_baselines_trains_and_is_measured(capsys, monkeypatch):
+    pytest.importorskip("stable_baselines3")
+    monkeypatch.setattr("sys.argv", ["example", "1"])
+    runpy.run_path(str(EXAMPLES / ("train_ppo" + ".py")), run_name="__main__")
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["PPO", "basal-bolus"]
+
+
 def test_training_lowers_the_cost(capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["example", "2"])
     runpy.run_path(str(EXAMPLES / ("train_a_controller" + ".py")), run_name="__main__")

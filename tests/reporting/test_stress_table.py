@@ -1,6 +1,7 @@
 """The table of a stress test as a person reads it, at a terminal or in a pipe."""
 
 import io
+import types
 
 import pytest
 from rich.console import Console
@@ -18,7 +19,7 @@ def printed(table, width=110):
 
 
 def stress_table(found):
-    (table,) = tables(None, found)
+    (table,) = tables(types.SimpleNamespace(rescue=None), found)
     return table
 
 

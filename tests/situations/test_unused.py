@@ -300,8 +300,8 @@ def test_what_a_patient_a_rhythm_or_a_controller_uses_is_not_noted(patient_81, s
 
 
 ALWAYS_OF_STUDIES = {
-    "situation": """patient setpoint_mg_dl profile_error targets overrides rescue rhythm actions events sensor pump faults warm_up_min
-        metrics sample_time_min
+    "situation": """patient setpoint_mg_dl profile_error targets overrides rescue rhythm actions events sensor pump
+        faults warm_up_min metrics sample_time_min
         allow_unusual controller guard model days duration_min meals habits exercise scenario
         initial_glucose_mg_dl integrator""",
     "people": "people population first_person traces precision arithmetic shard_people",

@@ -118,7 +118,7 @@ CONFIG: Final = CommandOption(
 SET: Final = CommandOption(
     "set",
     "--set",
-    "Any one setting by its path, like patient.operating_point=fasting-81; repeat it for more.",
+    "A setting by its path, like patient.operating_point=fasting-81; repeat it.",
     metavar="PATH=VALUE",
     many=True,
 )

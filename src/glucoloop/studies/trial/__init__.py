@@ -77,7 +77,6 @@ TRIAL: Final = TrialStudy(
         f"{COMPONENTS_HELP}\n\n"
         "  glucoloop trial --people 10000 --controller mpc --controller mpc-se --seed 1 --out trial\n\n"
         "  glucoloop trial --scenario 'week, days=14' --noise 1.45 --out fortnight\n\n"
-        "  glucoloop trial --controller mpc --controller 'mpc, move_weight=3, label=careful' --out weights\n\n"
         "  glucoloop trial --people 1000000 --precision float32 --dask tcp://10.0.0.1:8786 --out million"
     ),
     module="glucoloop.studies.trial.study",
