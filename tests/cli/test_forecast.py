@@ -128,7 +128,7 @@ def test_every_method_by_default_and_the_same_again(glucoloop, record):
     assert first.code == 0
     assert first.out == second.out
     methods = {row["method"] for row in json.loads(first.out)["people"]}
-    assert methods == {"kalman", "ridge", "loop-like", "time-of-day", "mean", "persistence"}
+    assert methods == {"kalman", "ridge", "loop-like", "twin", "time-of-day", "mean", "persistence"}
 
 
 def test_help_imports_no_numerical_library():

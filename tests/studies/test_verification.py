@@ -362,7 +362,7 @@ def test_an_interrupt_hands_back_what_is_done(closed):
 def test_every_controller_has_its_share_and_as_many_with_a_guard_as_without():
     pairs = Verification(loops=100_000).people()
     assert sum(pairs.values()) >= 50_000
-    assert 2 * sum(pairs.values()) < 100_020
+    assert 2 * sum(pairs.values()) < 100_000 + 2 * len(pairs)  # each share is rounded up
     assert pairs["meal-mpc"] * 20 == pytest.approx(pairs["mpc"], abs=20)
     for slow in (True, False):
         assert len({count for name, count in pairs.items() if CONTROLLERS[name].slow == slow}) == 1

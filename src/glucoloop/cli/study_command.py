@@ -164,13 +164,13 @@ class _StudyRun:
         notes = [*self.without_effect, *results.plain.get("notes", ())]
         return dataclasses.replace(results, values={**results.plain, "notes": notes})
 
-    def work(self, what: str, may_change: Iterable[str] = ()) -> Work:
+    def work(self, may_change: Iterable[str] = ()) -> Work:
         """Work that a folder keeps."""
         from glucoloop.storage.resumable import Work
 
         return Work(
             command=self.study.name,
-            what=what,
+            what=self.study.what.removeprefix("a "),
             keys=self.config.tree(whole=True),
             explicit=self.config.tree(),
             final=_final(self.study),
@@ -224,7 +224,7 @@ def _run_trial(study: TrialStudy, request: CommandRequest, typed: Given) -> Stud
     run = _StudyRun.of(study, request)
     module = run.module
 
-    work, trial, start = run.work("trial", study.extent), module.trial_of(run.config), time.monotonic()
+    work, trial, start = run.work(study.extent), module.trial_of(run.config), time.monotonic()
     if request.output.overwrite:
         from glucoloop.trials.engine import prepare
 
@@ -306,7 +306,7 @@ def _run_search(study: SearchStudy, request: CommandRequest) -> StudyOutcome:
         interruption = f"interrupted; of {total} {unit} {done} were checked to the end; their results follow"
         whole = not study.partial or len(rows) == row_kind.wanted
         return StudyOutcome(run, results, {}, interruption="" if whole else interruption)
-    work = run.work("search", study.extent)
+    work = run.work(study.extent)
     opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
     results = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
     return StudyOutcome(run, results, _paths(out, *work.final, row_kind.file, work.configuration))
@@ -349,8 +349,7 @@ def _refuse_unusable(study: Study, out: Path, kind: type[ResumableFolder], resul
     from glucoloop.storage.resumable import refuse_unusable
 
     names = (f"{study.name}.toml", results, *_final(study))
-    what = "trial" if isinstance(study, TrialStudy) else "search"
-    refuse_unusable(out, what, kind.record, names, overwrite=overwrite)
+    refuse_unusable(out, study.what.removeprefix("a "), kind.record, names, overwrite=overwrite)
 
 
 def _paths(out: Path, *files: str) -> dict[str, str]:
