@@ -175,7 +175,9 @@ def _is_deleted(item: dict[str, Any]) -> bool:
     """Whether an entry was deleted; some programs write words or numbers for true and false."""
     valid = item.get("isValid")
     gone = [str(item.get(name) or "").casefold() for name in ("isDeleted", "deleted")]
-    return (valid is not None and str(valid).casefold() in ("false", "0")) or any(word in ("true", "1") for word in gone)
+    return (valid is not None and str(valid).casefold() in ("false", "0")) or any(
+        word in ("true", "1") for word in gone
+    )
 
 
 def _source(item: dict[str, Any]) -> str | None:
