@@ -163,8 +163,8 @@ def _step_of_several(t: Floats) -> float | None:
             if np.count_nonzero(there) > covered + (1.0 - _ALMOST_ALL) * t.size:
                 best, covered = float(step), int(np.count_nonzero(there))
     short, even = lags[0] < _REGULAR * best, _even(np.diff(t))
-    extra = np.count_nonzero(short & ~even)
-    several = extra >= max(_FEWEST, np.count_nonzero(short & even))  # a stream that reads more often for a while is one
+    extra, faster = (int(np.count_nonzero(short & part)) for part in (~even, even))
+    several = extra >= max(_FEWEST, faster)  # a stream that reads more often for a while is one
     return best if covered >= _REGULAR * t.size and several else None
 
 
