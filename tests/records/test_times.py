@@ -98,6 +98,15 @@ def test_the_hour_that_a_clock_repeats_is_kept_and_told(read, newest_first):
     assert not [note for note in record.notes if "gap" in note]
 
 
+def test_what_comes_after_a_repeated_hour_does_not_stand_beside_it(read):
+    instants = every(5, 150, AUTUMN)
+    walls = [time - timedelta(hours=time.hour >= 3) for time in instants]
+    rows = [f"{time:%Y-%m-%d %H:%M},{100 + n}" for n, time in enumerate(walls)]
+    notes = " ".join(read("\n".join(["time,glucose_mg_dl", *rows])).notes)
+    assert "12 readings of a repeated hour" in notes
+    assert "two trajectories" not in notes
+
+
 def test_a_meal_in_the_repeated_hour_has_no_known_offset(read):
     meal = "99,2024-10-27T02:30:00,Carbs,,,,iPhone G6,,,45,,,,\n"
     told = read(autumn() + meal, time_zone="Europe/Berlin").frame

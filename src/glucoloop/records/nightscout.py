@@ -35,10 +35,13 @@ from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H
 
 _LOW_CODE, _HIGH_CODE = 39, 401
 _KINDS: Final = {"mbg": "finger pricks", "cal": "calibrations"}
-_TEMPORARY: Final = "Temp Basal"
+_TEMPORARY: Final = r"(?i)^temp(orary)? ?basal"
 _COMBO: Final = "Combo Bolus"
 _BY_THE_PERSON: Final = ("Meal Bolus", "Snack Bolus", "Bolus Wizard", _COMBO)
-_SUSPEND, _RESUME = re.compile(r"(?i)suspen"), re.compile(r"(?i)resum")
+_SUSPEND: Final = re.compile(r"(?i)suspen|\bstop(ped)? (pump|insulin|delivery)|(pump|insulin|delivery) stop")
+_RESUME: Final = re.compile(
+    r"(?i)resum|unsuspen|\b(re)?start(ed)? (pump|insulin|delivery)|(pump|insulin|delivery) (re)?start"
+)
 _OF_INSULIN: Final = r"(?i)bolus|insulin|basal|suspen|resum|prim(e|ing)|dose|injection|pen\b"
 _DELETED: Final = "entries that were deleted"
 _PRIMING: Final = "insulin that fills a tube or a cannula, which nobody gets"
@@ -97,7 +100,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
         kind = (
             pl.when(pl.col("named").is_not_null())
             .then("named")
-            .when(pl.col("event") == _TEMPORARY)
+            .when(pl.col("event").str.contains(_TEMPORARY))
             .then(pl.lit("temporary basal rates without a rate and a duration"))
             .when(pl.col("event") == SWITCH)
             .then(pl.lit(_SWITCHES))
@@ -169,7 +172,12 @@ class _Doses(NamedTuple):
 
 
 def _is_deleted(item: dict[str, Any]) -> bool:
-    return item.get("isValid") is False or item.get("isDeleted") is True
+    """Whether an entry was deleted; some programs write words or numbers for true and false."""
+    valid = item.get("isValid")
+    gone = [str(item.get(name) or "").casefold() for name in ("isDeleted", "deleted")]
+    return (valid is not None and str(valid).casefold() in ("false", "0")) or any(
+        word in ("true", "1") for word in gone
+    )
 
 
 def _source(item: dict[str, Any]) -> str | None:
@@ -330,8 +338,9 @@ def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEv
         if time is None or _is_deleted(item):
             continue
         minutes = _minutes(item)
-        if event == _TEMPORARY:
-            events += _temporary(item, row, time, minutes)
+        if re.search(_TEMPORARY, event):
+            ends = minutes is None and event.casefold().endswith("end")
+            events += _temporary(item, row, time, 0.0 if ends else minutes)
         elif _SUSPEND.search(event) and not _RESUME.search(event):
             if minutes:
                 events.append(BasalEvent(row=row, time=time, what="absolute", value=0.0, minutes=minutes))
@@ -349,8 +358,10 @@ def _temporary(item: dict[str, Any], row: int, time: Any, minutes: float | None)
         return []
     if minutes <= 0.0:
         return [BasalEvent(row=row, time=time, what="end")]
-    if item.get("temp") == "percent" or (item.get("isAbsolute") is False and percent is None):
-        whole = rate if rate is not None else None if percent is None else 100.0 + percent
+    relative = str(item.get("isAbsolute")).casefold() == "false"
+    if item.get("temp") == "percent" or (relative and absolute is None):
+        change = None if percent is None else 100.0 + percent
+        whole = change if rate is None or (relative and change is not None) else rate
         return [] if whole is None else [BasalEvent(row=row, time=time, what="percent", value=whole, minutes=minutes)]
     absolute = rate if absolute is None else absolute
     if absolute is not None:
