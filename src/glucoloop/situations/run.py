@@ -394,8 +394,7 @@ class Run(FedSituation):
     def without_effect(self, text: str, case: Case) -> str:
         """Clause on why a change has no effect under a case; empty where it has one."""
         change, name = read_change(text), case.controller.display_name
-        own = case.controller.values().get(change.field) if isinstance(change, TherapyChange) else None
-        if own:
+        if isinstance(change, TherapyChange) and (own := case.controller.values().get(change.field)):
             return f"the controller {name} has its own {change.field}={value_text(own)}"
         uses = self.uses() - OF_CONTROLLERS | frozenset[Need]().union(*(of.uses() for of in (case, *self.actions)))
         lacking = next((need for need in needs_of(change, case.controller) if need not in uses), None)

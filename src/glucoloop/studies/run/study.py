@@ -58,8 +58,8 @@ class ClosedLoops:
         """Numbers of each case under a change, less those with the therapy as it is."""
         results: dict[str, dict[str, float | None]] = {}
         for label, of in self.unchanged.items():
-            new, old = (self.outcomes[at].metrics.as_dict() for at in (label, of))
-            pairs = {name: (new[name], old[name]) for name in _DIFFERENCES}
+            numbers: list[dict[str, Any]] = [self.outcomes[at].metrics.as_dict() for at in (label, of)]
+            pairs = {name: [of_case[name] for of_case in numbers] for name in _DIFFERENCES}
             results[label] = {name: None if None in pair else pair[0] - pair[1] for name, pair in pairs.items()}
         return results
 
