@@ -143,10 +143,10 @@ def table_times(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, li
         since = pl.col("time").str.replace(r"^(\d{4}-\d{2}-\d{2}[T ]|0 days? )", "")
         return _readable(frame.select(pl.concat_str(day, since, separator=" ")).to_series(), answers)
     if len(epoch) and epoch.str.contains(_SERIAL).all():
-        days = frame["time"].str.replace(",", ".", literal=True).cast(pl.Float64)
-        seconds = (days * MIN_PER_DAY * S_PER_MIN).round().cast(pl.Int64)
+        serial = pl.col("time").str.replace(",", ".", literal=True).cast(pl.Float64)
+        seconds = (serial * MIN_PER_DAY * S_PER_MIN).round().cast(pl.Int64)
         texts = (pl.lit(_SERIAL_0) + pl.duration(seconds=seconds)).dt.to_string("%Y-%m-%d %H:%M:%S")
-        times, notes = times_of(pl.select(texts).to_series(), answers)
+        times, notes = times_of(frame.select(texts).to_series(), answers)
         return times, [*notes, "Its times are numbers of days, as of a spreadsheet."]
     if len(epoch) and epoch.str.contains(_CLOCK).all():
         raise Refusal(
