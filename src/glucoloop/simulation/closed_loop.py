@@ -226,7 +226,7 @@ class Trace:
 
 
 def _on_board(before: jax.Array | None, amounts: jax.Array, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """What is on board at samples, with what was given before the first of them."""
+    """Amount on board at each sample, with what was given before the first of them."""
     from glucoloop.control.on_board import on_board
 
     if before is None:
