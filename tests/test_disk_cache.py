@@ -1,6 +1,7 @@
 """Machine code and results are kept where JAX keeps its own: found again, and not used when damaged or of others."""
 
 import dataclasses
+import os
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import pytest
 
 from glucoloop import _disk_cache as kept
 from glucoloop._disk_cache import SUFFIX
+from glucoloop._kept_programs import kept_jit
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import kernel
 from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
@@ -94,7 +96,8 @@ def test_another_processor_has_code_of_its_own(folder, computed, monkeypatch):
 
 
 @pytest.mark.parametrize("place", [None, "gs://bucket/programs", "/proc/none"])
-def test_nothing_is_kept_without_a_folder(folder, computed, compiled, place):
+def test_nothing_is_kept_without_a_folder(folder, computed, compiled, place, monkeypatch):
+    monkeypatch.setenv(kept.VARIABLE, "off")
     jax.config.update("jax_compilation_cache_dir", place)
     assert np.array_equal(computed(), computed())
     assert len(compiled) == 2
@@ -142,9 +145,72 @@ def test_what_has_no_name_of_its_own_is_not_kept(keeping, function, given):
     assert keeping() == 0
 
 
-def test_results_are_kept_only_where_it_is_asked_for(folder):
+def test_nothing_is_kept_where_a_function_of_the_package_was_replaced(keeping, monkeypatch):
+    assert not kept.is_changed()
+    monkeypatch.setattr("glucoloop.patients.sorensen.rest.rest_at", lambda p, glucose_mg_dl: (1.0, None))
+    assert kept.is_changed()
     kept.kept_result(infusion_for, PARKER_1999, jnp.asarray(81.1))
-    assert not list(folder.glob(f"*{SUFFIX}"))
+    assert keeping() == 0
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """The folder of a process for which JAX keeps nothing."""
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", None)
+    monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "kept"))
+    yield tmp_path / "kept" / "python"
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def tripled(x, times):
+    return jnp.tanh(3.0 * x) * times
+
+
+tripled.__module__ = "glucoloop.tripled"
+
+
+def test_programs_are_found_again_by_who_sets_nothing_and_not_when_damaged(own):
+    def result(x, times=2):
+        program = kept_jit(static_argnums=1)(tripled)  # as in a new process
+        return np.asarray(program(x, times))
+
+    def entries():
+        return sorted(own.glob(f"*{SUFFIX}"))
+
+    x = jnp.asarray([0.1, 0.2])
+    expected = np.asarray(jax.jit(tripled, static_argnums=1)(x, 2))
+    assert np.array_equal(result(x), expected)
+    [place] = entries()
+    whole, written = place.read_bytes(), place.stat().st_mtime_ns
+    assert np.array_equal(result(x), expected)
+    assert place.stat().st_mtime_ns == written
+    for damaged in (whole[:-1] + bytes([whole[-1] ^ 1]), whole[: len(whole) // 2], b""):
+        place.write_bytes(damaged)
+        assert np.array_equal(result(x), expected)
+        assert place.stat().st_size == len(whole)
+    np.testing.assert_allclose(result(x, 3), 1.5 * expected, rtol=1e-14)
+    np.testing.assert_allclose(result(x[:1]), expected[:1], rtol=1e-14)
+    assert len(entries()) == 3
+    assert (own.stat().st_mode & 0o777, own.parent.stat().st_mode & 0o777) == (0o700, 0o700)
+    jax.vmap(lambda x: kept_jit(static_argnums=1)(tripled)(x, 2))(x)
+    kept_jit(static_argnums=1)(tripled)(x, "ab".index("b"))
+    assert len(entries()) == 4
+
+
+def test_a_folder_that_others_can_write_to_is_not_used(own):
+    own.mkdir(parents=True)
+    own.chmod(0o777)
+    assert kept.own_folder() is None
+
+
+def test_the_oldest_entries_beyond_a_size_are_removed(tmp_path):
+    for number in range(3):
+        place = tmp_path / f"{number}{SUFFIX}"
+        place.write_bytes(bytes(100))
+        os.utime(place, (number, number))
+    kept._bound(tmp_path, 250)
+    assert sorted(place.name for place in tmp_path.iterdir()) == [f"1{SUFFIX}", f"2{SUFFIX}"]
 
 
 def test_traced_arguments_are_computed(keeping):

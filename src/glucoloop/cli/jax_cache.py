@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import atexit
 import functools
-import os
 import warnings
 from pathlib import Path
-from typing import Final
 
 from glucoloop.arithmetic import configure_jax
 from glucoloop.cli.screen import note
 from glucoloop.refusal import Refusal
-
-VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
 
 
 def keep_compiled() -> None:
@@ -21,14 +17,11 @@ def keep_compiled() -> None:
 
     It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
     """
-    import platformdirs
-
-    from glucoloop._disk_cache import keep_results
+    from glucoloop._disk_cache import cache_folder
 
     configure_jax({"jax_traceback_filtering": "off"})  # a bug keeps its whole traceback
-    value = os.environ.get(VARIABLE, "").strip()
-    folder = Path(value or Path(platformdirs.user_cache_dir("glucoloop", appauthor=False)) / "compiled")
-    if value.lower() == "off" or not _usable(folder):
+    folder = cache_folder()
+    if folder is None or not _usable(folder):
         return
     configure_jax(
         {
@@ -37,7 +30,6 @@ def keep_compiled() -> None:
             "jax_persistent_cache_min_entry_size_bytes": -1,
         }
     )
-    keep_results()
     warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
 
 
