@@ -1,14 +1,14 @@
-"""Data that were computed once and are kept for other processes: where JAX keeps what it compiles, or in a folder.
+"""Data that were computed once and are kept for other processes: in a folder, or where the user's JAX keeps its own.
 
 The name of a file is the digest of all that it was made from. The file begins with a digest of its name and its data,
-so that what is damaged, or was meant for another name, is computed again. `storage.programs` keeps the command line's
-folder private and small. Without it and without a folder of JAX, as in Python, ``python`` in that folder is used, which
-is kept private and small here.
+so that what is damaged, or was meant for another name, is computed again. The folder is private and small, and the same
+for Python and for the command line, which has JAX keep there what `_kept_programs` does not.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import hashlib
 import inspect
@@ -38,7 +38,11 @@ SUFFIX: Final = ".kept"
 """End of the names of the files."""
 _LARGEST: Final = 10_000
 """Most numbers of an array of which a result is kept."""
-_KNOWN: Final = sys.stdlib_module_names | {"builtins", "glucoloop", "jax", "lazy_loader", "numpy", "scipy"}
+ENDS: Final = ("-cache", SUFFIX)
+"""Ends of the names of entries: JAX's, and those of this module."""
+_KNOWN: Final = sys.stdlib_module_names | {
+    *("builtins", "glucoloop", "gymnasium", "jax", "lazy_loader", "matplotlib", "numpy", "polars", "scipy")
+}
 """Packages whose functions stand in modules of glucoloop."""
 _MOST: Final = 16
 """Most results that a process adds: those of a start are few, and who asks for many has no use for a file of each."""
@@ -112,7 +116,11 @@ def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
         return pickle.dumps(function(*arguments, **named))
 
     made_from = (repr((key, sorted(identity().items()))), source(), *(part for number in numbers for part in number))
-    result: T = pickle.loads(kept(made_from, made))
+    data = kept(made_from, made)
+    try:
+        result: T = pickle.loads(data)
+    except Exception:  # not what this program writes; a slower start is no reason to stop
+        return function(*arguments, **named)
     return result
 
 
@@ -203,34 +211,56 @@ def is_own() -> bool:
 def own_folder() -> Path | None:
     """The folder of glucoloop's own, private and small; None where nothing is to be kept or none can be private."""
     folder = cache_folder()
-    return None if folder is None else _private(folder / "python")
+    return None if folder is None else _prepared(folder)
 
 
 @functools.cache
-def _private(folder: Path) -> Path | None:
+def _prepared(folder: Path) -> Path | None:
     with contextlib.suppress(OSError, Refusal):
-        for place in (folder.parent, folder):
-            place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        refuse_of_others(folder)
-        if os.access(folder, os.W_OK | os.X_OK):
-            _bound(folder, MAX_BYTES)
-            return folder
+        private_folder(folder)
+        remove_oldest(folder)
+        return folder
     return None
 
 
-def _bound(folder: Path, most_bytes: int) -> None:
-    """Remove the oldest entries beyond a total size."""
-    entries, total = list[tuple[float, int, Path]](), 0
-    for entry in folder.glob(f"*{SUFFIX}"):
-        with contextlib.suppress(OSError):
-            status = entry.lstat()
-            if stat.S_ISREG(status.st_mode):
-                entries.append((status.st_mtime, status.st_size, entry))
-    for _, size, entry in sorted(entries, reverse=True):
-        total += size
-        if total > most_bytes:
+def private_folder(folder: Path) -> None:
+    """Make a folder that only this user can use; Refusal for one that others own, can write to or can replace."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(0o700)
+    mode = folder.lstat().st_mode
+    if not stat.S_ISDIR(mode):
+        kind = "a symbolic link" if stat.S_ISLNK(mode) else "a file"
+        raise Refusal(f"{folder} is {kind}, not a folder")
+    if os.name == "nt":
+        return
+    refuse_of_others(folder)
+    if stat.S_IMODE(mode) != 0o700:
+        folder.chmod(0o700)
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+
+
+def entries(folder: Path) -> list[tuple[Path, os.stat_result]]:
+    """Files of a folder that hold what is kept, the newest first."""
+    results = list[tuple[Path, os.stat_result]]()
+    with contextlib.suppress(FileNotFoundError):
+        for place in folder.iterdir():
             with contextlib.suppress(OSError):
-                entry.unlink()
+                status = place.lstat()
+                if place.name.endswith(ENDS) and stat.S_ISREG(status.st_mode):
+                    results.append((place, status))
+    return sorted(results, key=lambda entry: entry[1].st_mtime, reverse=True)
+
+
+def remove_oldest(folder: Path, max_bytes: int = MAX_BYTES) -> None:
+    """Remove the oldest entries beyond a total size."""
+    total = 0
+    for place, status in entries(folder):
+        total += status.st_size
+        if total > max_bytes:
+            with contextlib.suppress(OSError):
+                place.unlink()
 
 
 @functools.cache

@@ -1,9 +1,9 @@
 """Functions that JAX compiles, whose programs another process finds again without tracing them.
 
 The name of a program is the digest of glucoloop's source, the arithmetic of the process, the function, what is static,
-and structure, shapes and types of the arguments. Programs are kept where `glucoloop._disk_cache` has a folder of its
-own. Where JAX keeps what it compiles, in the command line for one, it does so here too: a program that JAX has read
-from its own folder cannot be written again. JAX's settings are left alone.
+and structure, shapes and types of the arguments. Programs are kept in the folder of `glucoloop._disk_cache`, in Python
+and by the command line, and JAX's settings are left alone. JAX's own cache never has them: a program that JAX has read
+from there cannot be written again. Where the user has given JAX a folder, JAX keeps them there, as it does all others.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import contextlib
 import dataclasses
 import functools
 import inspect
+import math
 import pickle
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar, cast, overload
@@ -60,12 +61,18 @@ class _Program:
         self._programs: dict[Any, Any] = {}
         self.lower = self._jitted.lower
 
+        def own(*args: Any) -> Any:
+            return function(*args)
+
+        own.__name__ = own.__qualname__ = f"kept_{science.__name__}"  # the name of no program in JAX's own cache
+        self._own = jax.jit(own, static_argnums=tuple(sorted(self._static)))
+
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         numbers = [arg for place, arg in enumerate(args) if place not in self._static]
-        program = self._program(args, numbers, kwargs) if not kwargs else None
+        program = self._program(args, numbers) if not kwargs else None
         return self._jitted(*args, **kwargs) if program is None else program(*numbers)
 
-    def _program(self, args: Sequence[Any], numbers: Sequence[Any], kwargs: Any) -> Any:
+    def _program(self, args: Sequence[Any], numbers: Sequence[Any]) -> Any:
         """The program of one call; None where JAX has to do without one that is kept."""
         leaves, structure = jax.tree.flatten(numbers)
         if not core.trace_state_clean() or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
@@ -74,18 +81,17 @@ class _Program:
         try:
             shapes = tuple(_shape(leaf) for leaf in leaves)
             key = (tuple(static), structure, shapes, config.trace_context())
-            if key in self._programs:
-                return self._programs[key]
-            program = self._kept(args, static, structure, shapes)
+            if key not in self._programs:
+                self._programs[key] = self._kept(args, static, structure, shapes)
+            return self._programs[key]
         except (NoNameError, TypeError):  # a static argument without a hash among them, which JAX refuses itself
             return None
-        self._programs[key] = program
-        return program
 
     def _kept(self, args: Sequence[Any], static: Sequence[Any], structure: Any, shapes: Any) -> Any:
+        """A program that is kept, or one that is compiled and then kept; None where none can be."""
         if not _can_keep():
             return None
-        told = (
+        made_from = (
             _disk_cache.name_of(inspect.unwrap(self._science)),
             sorted(self._static),
             [_key(value) for value in static],
@@ -97,23 +103,42 @@ class _Program:
         compiled = list[Any]()
 
         def made() -> bytes:
-            compiled.append(self._jitted.lower(*args).compile())
-            return pickle.dumps(serialize_executable.serialize(compiled[0]))
+            with config.persistent_cache_min_compile_time_secs(math.inf):  # here JAX's own cache does not keep it
+                compiled.append(self._own.lower(*args).compile())
+            return _written(compiled[0])
 
-        try:
-            data = _disk_cache.kept((repr(told), _disk_cache.source()), made)
-        except (NotImplementedError, ValueError, pickle.PicklingError, jax.errors.JaxRuntimeError):
+        with contextlib.suppress(_NotWrittenError):
+            data = _disk_cache.kept((repr(made_from), _disk_cache.source()), made)
             if not compiled:
-                raise
-            return compiled[0]  # JAX cannot write this one
-        if compiled:
-            return compiled[0]
-        with contextlib.suppress(ImportError, AttributeError):
-            from jaxlib import lapack
+                return _read(data)
+        return compiled[0] if compiled else None
 
-            # What lowering does: a program that is read may call LAPACK. The module of functions is JAX's own.
-            getattr(lapack, "_lapack").initialize()  # noqa: B009
+
+class _NotWrittenError(Exception):
+    """A program that cannot be kept, or not be read again."""
+
+
+def _written(compiled: Any) -> bytes:
+    """A program as bytes."""
+    parts = getattr(getattr(compiled, "_executable", None), "_unloaded_executable", None)
+    if parts is None or parts.host_callbacks or parts.keepalive:  # addresses in this process
+        raise _NotWrittenError
+    try:
+        return pickle.dumps(serialize_executable.serialize(compiled))
+    except Exception as error:  # JAX has many kinds, and the program runs without being kept
+        raise _NotWrittenError from error
+
+
+def _read(data: bytes) -> Any:
+    """A program of its bytes."""
+    try:
+        from jaxlib import lapack
+
+        # What lowering does: a program that is read may call LAPACK. The module of functions is JAX's own.
+        getattr(lapack, "_lapack").initialize()  # noqa: B009
         return serialize_executable.deserialize_and_load(*pickle.loads(data))
+    except Exception as error:  # not what this version writes; it is compiled instead
+        raise _NotWrittenError from error
 
 
 def _can_keep() -> bool:

@@ -1,4 +1,8 @@
-"""Persistent cache of compiled programs, and of models of nominal patients, for the command line."""
+"""JAX's own cache for the command line, in the folder of `glucoloop._disk_cache`.
+
+It keeps what has no name to be kept by: operations outside of compiled functions, the loops of trials, which are
+closures over their settings, and code of the user. JAX finds these by their text, once they are traced and lowered.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from glucoloop.refusal import Refusal
 
 
 def keep_compiled() -> None:
-    """Switch JAX's persistent cache and `glucoloop._disk_cache` on, unless the environment says ``off`` for the folder.
+    """Switch JAX's persistent cache on, unless the environment says ``off`` for the folder.
 
     It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
     """
@@ -36,7 +40,8 @@ def keep_compiled() -> None:
 @functools.cache
 def _usable(folder: Path) -> bool:
     """Whether a folder of programs can be used; its contents are checked once per process."""
-    from glucoloop.storage.programs import check_programs, private_folder, seal_programs
+    from glucoloop._disk_cache import private_folder
+    from glucoloop.storage.programs import check_programs, seal_programs
 
     try:
         private_folder(folder)
