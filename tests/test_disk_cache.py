@@ -211,6 +211,12 @@ def called_traced(x):
     return kept_jit(static_argnums=1)(tripled)(x, 2)
 
 
+def test_after_many_calls_jax_compiles_for_itself_with_the_same_bits(own, monkeypatch):
+    monkeypatch.setattr("glucoloop._kept_programs._MANY", 1)
+    program, x = kept_jit(static_argnums=1)(tripled), jnp.asarray([0.1])
+    assert np.array_equal(program(x, 2), program(x, 2))
+
+
 def test_a_program_that_cannot_be_written_runs(own, monkeypatch):
     monkeypatch.setattr("jax.experimental.serialize_executable.serialize", lambda compiled: 1 / 0)
     x = jnp.asarray([0.1])
