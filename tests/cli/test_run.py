@@ -241,3 +241,19 @@ def test_samples_without_a_finite_dose_are_told():
     assert note.startswith("At 1 of 2 samples the controller computed no finite dose; the last one was kept, or")
     metrics.samples_non_finite = 0
     assert list(_notes_on_trace(trace, metrics)) == []
+
+
+def test_a_run_says_how_its_therapy_is_changed_and_repeats_it(glucoloop, tmp_path):
+    person = ("--patient", "hovorka-2004", "--controller", "basal-bolus", "--start", "06:00", "--duration", 60)
+    changes = ("--change", "basal, +20%, 6h-6:30", "--change", "target, 120")
+    answer = glucoloop("run", *person, *changes, "--out", "first")
+    assert "The therapy is changed: basal, +20%, 6h-6:30; target, 120." in answer.out
+    assert glucoloop("run", "--config", "first/run.toml", "--out", "second").code == 0
+    first, second = (pl.read_parquet(tmp_path / name / "trace.parquet") for name in ("first", "second"))
+    assert first.equals(second)
+    assert first["insulin_mU_min"][0] == pytest.approx(1.2 * first["insulin_mU_min"][-1])
+
+
+def test_a_wrong_change_is_refused(refused):
+    assert "--change: 'basl' in 'basl, +10%' is no number" in refused("run", "--change", "basl, +10%")
+    assert "the controller mpc does not use the profile of a person" in refused("run", "--change", "basal, +10%")
