@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree, static
 from glucoloop._representation import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
@@ -289,7 +289,7 @@ def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
     )
 
 
-@functools.partial(jax.jit, static_argnums=1)
+@kept_jit(static_argnums=1)
 def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: OnGrid, key: jax.Array) -> Trace:
     """Scan of the closed loop over samples."""
     loop: Loop = fixed.joined(numbers)
