@@ -10,3 +10,4 @@ from .twin import Twin as Twin
 from .twin import find_twin as find_twin
 from .unexplained import Explained as Explained
 from .unexplained import explained as explained
+from .unexplained import under_doses as under_doses

@@ -111,6 +111,17 @@ def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_m
     return Explained(here.unexplained_mg_min[:samples], here.glucose_mg_dl[:samples], linear.state[:-EXTRA_STATES, 0])
 
 
+def under_doses(patient: ExtendedPatient, p: Values, of: Explained, record: GriddedRecord) -> Values:
+    """Glucose ``(samples,)`` of an explained person under the doses of a record, with the same appearance of glucose.
+
+    Under the doses of the record by which the person was explained it is the glucose of `of`.
+    """
+    days = days_of_record(record, 0.0)
+    appearance = np.append(of.unexplained_mg_min, np.zeros(days.reading_mg_dl.size - of.unexplained_mg_min.size))
+    result: Values = np.asarray(_dosed(patient.fixed)(p, patient.numbers, days, of.start, appearance))
+    return result[: record.reading_mg_dl.size]
+
+
 def _response(linear: Linearised, w: Values) -> Values:
     """Glucose ``(samples,)`` by disturbances ``(samples, 3)`` in the linearised equations."""
     state, result = np.zeros(linear.readout.size), np.empty(len(w))
@@ -149,6 +160,19 @@ def _linearised(fixed: ProgramKey) -> Any:
         return patient.linearised(patient.person(p), p, working_mg_dl)
 
     return linearised
+
+
+@functools.lru_cache(maxsize=8)
+def _dosed(fixed: ProgramKey) -> Any:
+    """Program of `ExtendedPatient.under_doses`."""
+
+    @jax.jit
+    def dosed(p: jax.Array, numbers: Numbers, days: Days, start: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
+        patient = ExtendedPatient.traced(fixed, numbers)
+        person = patient.person(p)
+        return patient.under_doses(person, p, start, days, patient.moments(person, days), appearance_mg_min)
+
+    return dosed
 
 
 @functools.lru_cache(maxsize=8)
