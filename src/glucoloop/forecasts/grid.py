@@ -58,8 +58,8 @@ class GriddedRecord:
 
     @property
     def automated(self) -> bool:
-        """Whether automation doses: for over 40 % of the time the basal rate is not the median at that time of day."""
-        return self.basal_off_schedule_pct > _MAX_OFF_SCHEDULE_PCT
+        """Whether automation doses: by its boluses, or over 40 % of the time off the median rate of the time of day."""
+        return self.basal_off_schedule_pct > _MAX_OFF_SCHEDULE_PCT or bool(self.automatic_bolus_U.any())
 
     @property
     def days(self) -> int:
@@ -100,6 +100,15 @@ class GriddedRecord:
         """The days from one to before another one, counted from 0."""
         inside = slice(begin * SAMPLES_PER_DAY, end * SAMPLES_PER_DAY)
         return self._with_arrays(lambda values, _: values[inside], first=self.first + dt.timedelta(days=begin))
+
+    def with_doses(self, *, basal: float, boluses: float) -> GriddedRecord:
+        """The record with factors on its basal and long-acting insulin and on all boluses."""
+        return dataclasses.replace(
+            self,
+            basal_U=basal * self.basal_U,
+            user_bolus_U=boluses * self.user_bolus_U,
+            automatic_bolus_U=boluses * self.automatic_bolus_U,
+        )
 
     def padded(self, samples: int) -> GriddedRecord:
         """The record with some samples after its end, in which there is nothing."""

@@ -409,6 +409,20 @@ class ExtendedPatient:
         _, result = jax.lax.scan(sample, start, jax.tree.map(jnp.asarray, inputs))
         return result
 
+    def under(
+        self, person: Any, p: jax.Array, days: Days, moments: jax.Array, start: jax.Array, unexplained_mg_min: jax.Array
+    ) -> jax.Array:
+        """Glucose ``(samples,)`` after each sample from a state ``(states,)`` on, with an appearance ``(samples,)``."""
+        noises = self.noises(p)
+
+        def sample(state: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
+            state = self.step(person, noises, state, *entry)
+            return state, person.glucose_mg_dl(state[:-EXTRA_STATES])[0]
+
+        begun = jnp.concatenate([start, jnp.zeros(EXTRA_STATES)])[:, None]
+        inputs = (days.insulin_mU_min, moments, unexplained_mg_min, _clock(days))
+        return jax.lax.scan(sample, begun, jax.tree.map(jnp.asarray, inputs))[1]
+
     def filtered(self, person: Any, p: jax.Array, linear: Linearised, days: Days, moments: jax.Array) -> jax.Array:
         """Extended states ``(samples, states)`` after each reading."""
         noises = self.noises(p)

@@ -111,6 +111,18 @@ def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_m
     return Explained(here.unexplained_mg_min[:samples], here.glucose_mg_dl[:samples], linear.state[:-EXTRA_STATES, 0])
 
 
+def under_doses(patient: ExtendedPatient, p: Values, record: GriddedRecord, explanation: Explained) -> Values:
+    """Glucose ``(samples,)`` after each sample under the doses of a record, with what another one left unexplained.
+
+    Under the doses from which the explanation is, that is its glucose.
+    """
+    days = days_of_record(record, 0.0)
+    samples = record.reading_mg_dl.size
+    unexplained = np.append(explanation.unexplained_mg_min, np.zeros(len(days.reading_mg_dl) - samples))
+    glucose = _under_doses(patient.fixed)(p, patient.numbers, days, explanation.start, unexplained)
+    return np.asarray(glucose, np.float64)[:samples]
+
+
 def _response(linear: Linearised, w: Values) -> Values:
     """Glucose ``(samples,)`` by disturbances ``(samples, 3)`` in the linearised equations."""
     state, result = np.zeros(linear.readout.size), np.empty(len(w))
@@ -165,3 +177,16 @@ def _simulation(fixed: ProgramKey) -> Any:
         )
 
     return simulated
+
+
+@functools.lru_cache(maxsize=8)
+def _under_doses(fixed: ProgramKey) -> Any:
+    """Program of `ExtendedPatient.under`."""
+
+    @jax.jit
+    def glucose(p: jax.Array, numbers: Numbers, days: Days, start: jax.Array, unexplained_mg_min: jax.Array) -> Any:
+        patient = ExtendedPatient.traced(fixed, numbers)
+        person = patient.person(p)
+        return patient.under(person, p, days, patient.moments(person, days), start, unexplained_mg_min)
+
+    return glucose
