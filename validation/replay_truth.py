@@ -15,8 +15,8 @@ true change is that of the same person with the same meals and the same sensitiv
 
 For each condition the table has, with intervals of 95 % by a bootstrap over people: the slope of predicted on true
 changes (through 0; 1 is right), the mean absolute error of the changes, the share of true changes within the range, the
-largest fall by 1 U of the twin over the person's, that of the person times the daily dose, and how many twins say not
-to be relied on. With ``--rows`` the numbers of each person are kept in a file, and those that are there are not
+largest fall by 1 U of the twin over the person's mean one, that of the person times the daily dose, and how many twins
+say not to be relied on. With ``--rows`` the numbers of each person are kept in a file, and those that are there are not
 computed again.
 """
 
@@ -45,6 +45,7 @@ from glucoloop.control import Decision, Observation, Status
 from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord, gridded_record
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import population, virtual_people
+from glucoloop.physiology.rhythm import changes_of
 from glucoloop.pumps import DoseLimits, LimitedPump
 from glucoloop.pumps.limits import BolusLimits
 from glucoloop.records import DeviceRecord
@@ -95,8 +96,8 @@ class Condition(NamedTuple):
 CONDITIONS: Final = (
     Condition("uva-padova-2008", "hovorka-2004", "basal-bolus", 1.0),
     Condition("uva-padova-2008", "hovorka-2004", "loop-like", 1.0),
-    Condition("hovorka-2004", "kanderian-2009", "basal-bolus", 0.6),
-    Condition("hovorka-2004", "kanderian-2009", "loop-like", 0.6),
+    Condition("wilinska-2010", "hovorka-2004", "basal-bolus", 0.6),
+    Condition("wilinska-2010", "hovorka-2004", "loop-like", 0.6),
 )
 
 
@@ -135,6 +136,14 @@ class Life:
     def glucose_mg_dl(self) -> Values:
         """Glucose ``(samples,)`` after each sample."""
         return _at_samples(self.trace)
+
+    @property
+    def mean_sensitivity(self) -> float:
+        """Mean of the factor by which the rhythm changes the sensitivity to insulin."""
+        scenario = self.run.as_scenario()
+        clock_min = np.arange(0.0, scenario.horizon_min, SAMPLE_MIN)
+        changes = changes_of(scenario.rhythms, clock_min, scenario.rhythm_seed, [scenario.rhythm_person])
+        return float(np.mean(1.0 if changes.sensitivity is None else changes.sensitivity))
 
     def under(self, basal: float, boluses: float) -> Values:
         """The same with factors on all doses, which no pump limits or rounds."""
@@ -220,7 +229,7 @@ def numbers(glucose_mg_dl: Values) -> Values:
 
 
 def fall_mg_dl_U(patient: str, seed: int, mean_mg_dl: float) -> float:
-    """Largest fall of a person by 1 U, computed as that of a twin; NaN for one whom no rate holds at the mean."""
+    """Largest fall of a person by 1 U without a rhythm, as that of a twin; NaN where no rate holds the mean."""
     people = population(patient_entry(patient).default_population, patient=patient)
     prior = prior_of(people)
     extended, values = ExtendedPatient.of(people, prior), virtual_people(people, seed, [seed]).draw.values
@@ -261,7 +270,7 @@ def result_of(condition: Condition, seed: int, *, days: int = DAYS, draws: int =
         "range": ends.tolist(),
         "predicts": twin.predicts,
         "fall_mg_dl_U": twin.fall_mg_dl_U,
-        "true_fall_mg_dl_U": fall_mg_dl_U(condition.truth, seed, stored.mean_mg_dl),
+        "true_fall_mg_dl_U": fall_mg_dl_U(condition.truth, seed, stored.mean_mg_dl) * life.mean_sensitivity,
     }
 
 
