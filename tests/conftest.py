@@ -15,6 +15,7 @@ import pytest
 from hypothesis import settings
 
 import glucoloop  # noqa: F401  (before JAX, which it sets to float64)
+from glucoloop import _disk_cache
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Status
 from glucoloop.identification import Record, design_csrs, identify_record
@@ -33,6 +34,7 @@ def pytest_configure(config):
         config.add_cleanup(lambda: os.environ.pop(CACHE))
     set_flags(os.environ[CACHE])  # workers are started with them
     keep_compiled(os.environ[CACHE])  # for commands that tests start, too
+    _disk_cache._left = 0  # tests replace constants, of which the names of kept results do not tell
     gc.set_threshold(50_000, 20, 50)  # what JAX traces is many small objects, few of them garbage
 
 

@@ -11,7 +11,7 @@ The basal rate, and with it the other numbers of the therapy, is such that mean 
 
 Then the recorded basal rate, and all recorded boluses, are 20 % less and 20 % more, four changes of each person. The
 true change is that of the same person with the same meals and the same sensitivity; the predicted one is that of
-`glucoloop.twins.under_doses`, its range over both ends of the sensitivity and the posterior, as in `glucoloop replay`.
+`glucoloop replay --change`, its range over both ends of the sensitivity and the posterior.
 
 For each condition the table has, with intervals of 95 % by a bootstrap over people: the slope of predicted on true
 changes (through 0; 1 is right), the mean absolute error of the changes, the share of true changes within the range, the
@@ -238,6 +238,16 @@ def fall_mg_dl_U(patient: str, seed: int, mean_mg_dl: float) -> float:
     return extended.fall_mg_dl_U(p, working_mg_dl(mean_mg_dl))
 
 
+def changed_doses(record: GriddedRecord, basal: float, boluses: float) -> GriddedRecord:
+    """The record with factors on its basal rate and on all boluses."""
+    return dataclasses.replace(
+        record,
+        basal_U=basal * record.basal_U,
+        user_bolus_U=boluses * record.user_bolus_U,
+        automatic_bolus_U=boluses * record.automatic_bolus_U,
+    )
+
+
 def predicted_changes(twin: StoredTwin, record: GriddedRecord, draws: int, seed: int) -> tuple[Values, Values]:
     """Changes ``(changes, measures)`` of the twin, and their range ``(2, changes, measures)``."""
     people, ends = twin.people(draws, seed)
@@ -245,7 +255,7 @@ def predicted_changes(twin: StoredTwin, record: GriddedRecord, draws: int, seed:
     for patient, p in people:
         explanation = explained(patient, p, record, twin.mean_mg_dl)
         before = numbers(explanation.glucose_mg_dl)
-        after = [under_doses(patient, p, record.with_doses(basal=b, boluses=c), explanation) for b, c in CHANGES]
+        after = [under_doses(patient, p, explanation, changed_doses(record, *change)) for change in CHANGES]
         changes.append(numbers(np.stack(after)) - before)
     return changes[0], np.stack(change_range(np.stack(changes), ends))
 

@@ -1,42 +1,73 @@
-"""Data that were computed once and are kept for other processes, where JAX keeps what it compiles, if it does.
+"""Data that were computed once and are kept for other processes: in a folder, or where the user's JAX keeps its own.
 
 The name of a file is the digest of all that it was made from. The file begins with a digest of its name and its data,
-so that what is damaged, or was meant for another name, is computed again. `storage.programs` keeps the command line's
-folder private and small.
+so that what is damaged, or was meant for another name, is computed again. The folder is private and small, and the same
+for Python and for the command line, which has JAX keep there what `_kept_programs` does not.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import hashlib
 import inspect
 import os
 import pickle
+import stat
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FunctionType
-from typing import Any, Final, TypeVar
+from types import FunctionType, ModuleType
+from typing import Any, Final, ParamSpec, TypeVar
 
 from glucoloop.arithmetic import identity
+from glucoloop.private_folder import refuse_of_others
+from glucoloop.refusal import Refusal
 
+P = ParamSpec("P")
 T = TypeVar("T")
+
+VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
+"""Variable that names the folder of what is kept; ``off`` keeps nothing."""
+MAX_BYTES: Final = 256_000_000
+"""Largest size of all entries of a folder together; the oldest are removed first."""
 
 SUFFIX: Final = ".kept"
 """End of the names of the files."""
 _LARGEST: Final = 10_000
 """Most numbers of an array of which a result is kept."""
+ENDS: Final = ("-cache", SUFFIX)
+"""Ends of the names of entries: JAX's, and those of this module."""
+_KNOWN: Final = sys.stdlib_module_names | {
+    *("builtins", "glucoloop", "gymnasium", "jax", "lazy_loader", "matplotlib", "numpy", "polars", "scipy")
+}
+"""Packages whose functions stand in modules of glucoloop."""
 _MOST: Final = 16
 """Most results that a process adds: those of a start are few, and who asks for many has no use for a file of each."""
-_left = 0
+_left = _MOST
 """Number of results that may still be kept."""
 
 
-def keep_results() -> None:
-    """Have `kept_result` keep results from here on, in a process in which nobody replaces functions of glucoloop."""
-    global _left
-    _left = _MOST
+def cache_folder() -> Path | None:
+    """Folder of what is kept, which may not exist yet; None if nothing is to be kept."""
+    import platformdirs
+
+    value = os.environ.get(VARIABLE, "").strip()
+    if value.lower() == "off":
+        return None
+    return Path(value or Path(platformdirs.user_cache_dir("glucoloop", appauthor=False)) / "compiled")
+
+
+def keeps_result(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorator of a function whose results are those of `kept_result`."""
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        return kept_result(function, *args, **kwargs)
+
+    return call
 
 
 def kept(made_from: Sequence[str | bytes], made: Callable[[], bytes]) -> bytes:
@@ -63,7 +94,8 @@ def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
 
     Where results are kept, they are so by the source of the whole package, the arithmetic of the process, and the
     arguments: trees of numbers of glucoloop's own classes. Code of others has no name that tells what it does, so what
-    depends on it is not kept, and neither is what depends on large arrays.
+    depends on it is not kept, and neither is what depends on large arrays. A process in which somebody has replaced a
+    function of glucoloop keeps nothing and finds nothing.
     """
     if not _left or _folder() is None:
         return function(*arguments, **named)
@@ -71,9 +103,11 @@ def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
 
     leaves, structure = jax.tree.flatten((arguments, named))
     try:
-        key = _named(inspect.unwrap(function)), _structure_key(structure)
+        key = name_of(inspect.unwrap(function)), structure_key(structure)
         numbers = [_number_key(leaf) for leaf in leaves]
-    except _NoNameError:
+    except NoNameError:
+        return function(*arguments, **named)
+    if is_changed():
         return function(*arguments, **named)
 
     def made() -> bytes:
@@ -81,39 +115,43 @@ def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
         _left -= 1
         return pickle.dumps(function(*arguments, **named))
 
-    made_from = (repr((key, sorted(identity().items()))), _source(), *(part for number in numbers for part in number))
-    result: T = pickle.loads(kept(made_from, made))
+    made_from = (repr((key, sorted(identity().items()))), source(), *(part for number in numbers for part in number))
+    data = kept(made_from, made)
+    try:
+        result: T = pickle.loads(data)
+    except Exception:  # not what this program writes; a slower start is no reason to stop
+        return function(*arguments, **named)
     return result
 
 
-class _NoNameError(Exception):
+class NoNameError(Exception):
     """Something whose name does not tell all that it does."""
 
 
-def _structure_key(structure: Any) -> Any:
+def structure_key(structure: Any) -> Any:
     """Classes and static fields of a tree, in words that another process finds again."""
     node = structure.node_data()
     return (
         None
         if node is None
-        else (_named(node[0]), _static(node[1]), [_structure_key(child) for child in structure.children()])
+        else (name_of(node[0]), static_key(node[1]), [structure_key(child) for child in structure.children()])
     )
 
 
-def _static(value: Any) -> Any:
+def static_key(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     if type(value) in (tuple, list):
-        return [_static(part) for part in value]
-    return _named(value)
+        return [static_key(part) for part in value]
+    return name_of(value)
 
 
-def _named(value: Any) -> str:
+def name_of(value: Any) -> str:
     """Name of a class or function of a module of glucoloop or of Python itself."""
     if not isinstance(value, (type, FunctionType)) or "<" in value.__qualname__:
-        raise _NoNameError
+        raise NoNameError
     if value.__module__.partition(".")[0] not in ("glucoloop", "builtins"):
-        raise _NoNameError
+        raise NoNameError
     return f"{value.__module__}.{value.__qualname__}"
 
 
@@ -123,26 +161,110 @@ def _number_key(leaf: Any) -> tuple[str, bytes]:
     import jax.numpy as jnp
     import numpy as np
 
+    if isinstance(leaf, str):
+        return "str", leaf.encode()
     if not isinstance(leaf, (bool, int, float, np.ndarray, np.generic, jax.Array)) or isinstance(leaf, jax.core.Tracer):
-        raise _NoNameError
+        raise NoNameError
     data: Any = leaf
     is_key = isinstance(data, jax.Array) and bool(jnp.issubdtype(data.dtype, jax.dtypes.prng_key))
     array = np.asarray(jax.random.key_data(data) if is_key else data)
     if array.size > _LARGEST or array.dtype.hasobject:
-        raise _NoNameError
+        raise NoNameError
     kind = type(leaf).__name__, is_key, getattr(leaf, "weak_type", False), array.dtype.str, array.shape
     return repr(kind), array.tobytes()
+
+
+def is_changed() -> bool:
+    """Whether some code that is no part of glucoloop stands in place of a function or method of it.
+
+    What is kept is named by the files, which do not tell of it. Nor do they of a constant that somebody has replaced.
+    """
+    for name, module in list(sys.modules.items()):
+        if name.partition(".")[0] == __package__ and type(module) is ModuleType:  # a lazy one has not been loaded yet
+            for value in list(vars(module).values()):
+                is_class = issubclass(type(value), type) and value.__module__ == name  # isinstance loads lazy modules
+                for member in list(vars(value).values()) if is_class else (value,):
+                    if type(member) is FunctionType and not _is_known(member):
+                        return True
+    return False
+
+
+def _is_known(function: FunctionType) -> bool:
+    return function.__globals__.get("__name__", "").partition(".")[0] in _KNOWN
 
 
 def _folder() -> Path | None:
     import jax
 
     on, folder = (jax.config.values[f"jax_{name}"] for name in ("enable_compilation_cache", "compilation_cache_dir"))
-    return Path(folder) if on and folder and "://" not in folder else None  # JAX alone reaches other computers
+    if on and folder:
+        return Path(folder) if "://" not in folder else None  # JAX alone reaches other computers
+    return own_folder()
+
+
+def is_own() -> bool:
+    """Whether what is kept is in glucoloop's own folder."""
+    folder = own_folder()
+    return folder is not None and _folder() == folder
+
+
+def own_folder() -> Path | None:
+    """The folder of glucoloop's own, private and small; None where nothing is to be kept or none can be private."""
+    folder = cache_folder()
+    return None if folder is None else _prepared(folder)
 
 
 @functools.cache
-def _source() -> bytes:
+def _prepared(folder: Path) -> Path | None:
+    with contextlib.suppress(OSError, Refusal):
+        private_folder(folder)
+        remove_oldest(folder)
+        return folder
+    return None
+
+
+def private_folder(folder: Path) -> None:
+    """Make a folder that only this user can use; Refusal for one that others own, can write to or can replace."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(0o700)
+    mode = folder.lstat().st_mode
+    if not stat.S_ISDIR(mode):
+        kind = "a symbolic link" if stat.S_ISLNK(mode) else "a file"
+        raise Refusal(f"{folder} is {kind}, not a folder")
+    if os.name == "nt":
+        return
+    refuse_of_others(folder)
+    if stat.S_IMODE(mode) != 0o700:
+        folder.chmod(0o700)
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+
+
+def entries(folder: Path) -> list[tuple[Path, os.stat_result]]:
+    """Files of a folder that hold what is kept, the newest first."""
+    results = list[tuple[Path, os.stat_result]]()
+    with contextlib.suppress(FileNotFoundError):
+        for place in folder.iterdir():
+            with contextlib.suppress(OSError):
+                status = place.lstat()
+                if place.name.endswith(ENDS) and stat.S_ISREG(status.st_mode):
+                    results.append((place, status))
+    return sorted(results, key=lambda entry: entry[1].st_mtime, reverse=True)
+
+
+def remove_oldest(folder: Path, max_bytes: int = MAX_BYTES) -> None:
+    """Remove the oldest entries beyond a total size."""
+    total = 0
+    for place, status in entries(folder):
+        total += status.st_size
+        if total > max_bytes:
+            with contextlib.suppress(OSError):
+                place.unlink()
+
+
+@functools.cache
+def source() -> bytes:
     """Digest of all modules of the package."""
     folder = Path(__file__).parent
     files = sorted(folder.rglob("*.py"))

@@ -97,6 +97,11 @@ class TherapyChange(NamedTuple):
     """The value, or None for a factor."""
     factor: float = 1.0
 
+    @property
+    def all_day(self) -> bool:
+        """Whether it holds at every time of day."""
+        return self.from_min == 0.0 and self.to_min == MIN_PER_DAY
+
     def holds(self, time_of_day_min: float) -> bool:
         """Whether it holds at a time of day."""
         if self.from_min < self.to_min:
@@ -113,12 +118,18 @@ class Schedule(NamedTuple):
 
     changes: tuple[TherapyChange, ...] = ()
 
+    @property
+    def by_clock(self) -> bool:
+        """Whether anything depends on the time of day."""
+        return not all(change.all_day for change in self.changes)
+
     def starts_min(self, sample_time_min: float = 0.0) -> tuple[float, ...]:
         """Times of day from which each segment holds, the first of them 0.
 
         The first sample of each new segment is one of its own, since another basal rate held before it.
         """
-        ends = {time % MIN_PER_DAY for change in self.changes for time in (change.from_min, change.to_min)}
+        timed = [change for change in self.changes if not change.all_day]
+        ends = {time % MIN_PER_DAY for change in timed for time in (change.from_min, change.to_min)}
         after = {(end + sample_time_min) % MIN_PER_DAY for end in ends} if self.varies("basal_mU_min") else set()
         return tuple(sorted({0.0, *ends, *after}))
 

@@ -1,5 +1,7 @@
 """``glucoloop compare``."""
 
+import json
+
 import polars as pl
 import pytest
 
@@ -53,3 +55,33 @@ def test_folder_repeats_the_comparison(glucoloop, tmp_path):
 def test_controllers_of_a_file_are_checked(refused, tmp_path, content, told):
     (tmp_path / "c.toml").write_text(content)
     assert told in refused("compare", "--config", "c.toml")
+
+
+@pytest.mark.long
+def test_a_change_stands_beside_the_therapy_as_it_is(glucoloop, tmp_path):
+    person = ("--patient", "hovorka-2004", "--controller", "basal-bolus", "--announce-meals", "--meal", "60g@10min")
+    more, low = "basal, +20%", "carbs, 20% too low"
+    answer = glucoloop("compare", *person, "--change", more, "--change", low, *SHORT, "--out", "first")
+    assert answer.code == 0
+    assert answer.out.index("Difference from the therapy as it is") < answer.out.index("Metric")
+    results = json.loads((tmp_path / "first/metrics.json").read_text())
+    cases, changes = results["cases"], results["changes"]
+    assert list(cases) == ["basal-bolus", more, low]
+    assert changes[more]["of"] == "basal-bolus"
+    for name, difference in changes[low]["difference"].items():
+        assert difference == cases[low]["metrics"][name] - cases["basal-bolus"]["metrics"][name]
+    assert changes[more]["difference"]["mean_mg_dl"] < 0.0 < changes[low]["difference"]["mean_mg_dl"]
+    assert glucoloop("compare", "--config", "first/compare.toml", "--out", "second").code == 0
+    assert json.loads((tmp_path / "second/metrics.json").read_text())["cases"] == cases
+    alone = glucoloop("run", *person, "--change", low, *SHORT, "--json").json
+    assert cases[low]["metrics"] == alone["metrics"]
+    assert cases[low]["config"]["changes"] == [low]
+
+
+@pytest.mark.long
+def test_a_change_without_effect_is_told(glucoloop):
+    both = ("--patient", "hovorka-2004", "--controller", "pid", "--controller", "basal-bolus", "--start", "06:00")
+    answer = glucoloop("compare", *both, "--change", "basal, +20%, 20h-22h", *SHORT)
+    assert "no effect on pid, which has no case with it: the controller pid does not use the profile" in answer.err
+    assert "its hours lie outside of the run" in answer.err
+    assert "basal-bolus: basal, +20%, 20h-22h: this change has no effect in this run." in answer.out

@@ -62,11 +62,26 @@ def test_from_a_record_to_another_therapy(glucoloop, tmp_path, monkeypatch):
     page = (tmp_path / "replay" / "page.html").read_text()
     assert page.index("The twin predicts") < page.index("basal-bolus instead of the recorded doses")
 
+    # the recorded doses under a change, without a controller
+    kept, more = "basal, 100%", "basal, +10%, 0h-6h"
+    changes = ("--change", kept, "--change", more, "--draws", "0")
+    changed = glucoloop("replay", "Doe_Jane.parquet", "--twin", "twin", *changes, "--out", "changed", "--json").json
+    assert [row["therapy"] for row in changed["rows"][2:]] == [kept, more]
+    for name in ("mean_mg_dl", "time_70_180_pct", "daily_dose_U"):
+        assert changed["rows"][2][name] == pytest.approx(recorded[name], rel=1e-6)
+    assert changed["rows"][3]["change_mean_mg_dl"] < 0.0
+    again = glucoloop("replay", "Doe_Jane.parquet", "--config", "changed/replay.toml", "--json").json
+    assert again["rows"] == changed["rows"]
+
     # the profile of the folder is the one that doses
     person = tmp_path / "twin" / "person.toml"
     keys = tomllib.loads(person.read_text())
     keys["person"][0]["carb_ratio_g_U"] *= 3.0
     person.write_text(tomli_w.dumps(keys))
+    low = glucoloop(
+        "replay", "Doe_Jane.parquet", "--twin", "twin", "--change", "carbs, 20% too low", "--draws", "0"
+    ).out
+    assert f"a calculator with {keys['person'][0]['carb_ratio_g_U']:.3g} g/U" in low
     assert glucoloop(*asked, "--json").json["rows"][2]["daily_dose_U"] < controller["daily_dose_U"]
 
     # no benefit is claimed for a twin that failed

@@ -55,6 +55,7 @@ DOORS = {
     "records/user_files.py": "parts of an archive from a door, of a bounded size",
     "records/web_request.py": "answers of a site, of a bounded size and time",
     "_disk_cache.py": "a private folder, with a digest for each entry",
+    "_kept_programs.py": "entries of that folder",
     "component/code.py": "digests of code",
     "trials/query.py": "a scratch folder of this process, and /proc",
     "firmware/hil/link.py": "memory of the device that the build made",

@@ -1,5 +1,6 @@
 """Files of every form: ZIPs, folders, several files of a person, dates beside times, marks of encodings."""
 
+import gzip
 import io
 import json
 import sqlite3
@@ -19,6 +20,13 @@ def zipped(**files):
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, text in files.items():
             archive.writestr(f"Export/{name}.csv", text)
+    return buffer.getvalue()
+
+
+def zipped_bytes(data):
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr("inner.zip", data)
     return buffer.getvalue()
 
 
@@ -87,6 +95,59 @@ def test_days_of_a_study_and_its_clock_by_people(tmp_path):
     people = read_people(path, columns="date=DaysFromEnroll,time=DeviceTm,glucose_mg_dl=Value")
     assert list(people) == ["7", "8"]
     assert reading_times(people["8"]) == every(5, 600, datetime(1999, 12, 31, 0, 3))
+
+
+@pytest.mark.parametrize("clock", ["1900-01-01 %H:%M:%S", "0 days %H:%M:%S", "%H.%M", "%I:%M %p"])
+def test_a_clock_beside_a_date_as_spreadsheets_write_it(read, clock):
+    rows = [f"13.03.2024;{time:{clock}};{glucose(n)}" for n, time in enumerate(every(5, 40))]
+    record = read("\n".join(["Tag;Uhr;BZ", *rows]), columns="date=Tag,time=Uhr,glucose_mg_dl=BZ")
+    assert reading_times(record) == every(5, 40)
+
+
+@pytest.mark.parametrize("sign", [".", ","])
+def test_times_as_numbers_of_days_of_a_spreadsheet(read, sign):
+    days = [(time - datetime(1899, 12, 30)).total_seconds() / 86400.0 for time in every(5, 40)]
+    rows = [f"{day:.6f};{glucose(n)}".replace(".", sign) for n, day in enumerate(days)]
+    record = read("\n".join(["Zeit;BZ", *rows]), columns="time=Zeit,glucose_mg_dl=BZ")
+    assert reading_times(record) == every(5, 40)
+    assert "Its times are numbers of days, as of a spreadsheet." in record.notes
+
+
+def test_times_in_an_unknown_form_are_shown_without_their_digits(refused):
+    text = "time,glucose_mg_dl\nWed Mar 13 07:08:09 2024,100\n"
+    assert refused(text) == (
+        "none of its times can be read; they look like 'aaa aaa 99 99:99:99 9999'; write them as 2024-03-13 08:05:00"
+    )
+
+
+def test_a_unit_behind_each_number(read):
+    rows = [f"{time:%Y-%m-%d %H:%M};5,5 mmol/L;12 g;1,5 IE;0,9 U/h" for time in every(5, 3)]
+    frame = read("\n".join(["time;glucose_mmol_l;carbs_g;bolus_U;basal_U_h", *rows])).frame
+    assert frame.select("carbs_g", "bolus_U", "basal_U_h").rows() == [(12.0, 1.5, 0.9)] * 3
+    assert frame["glucose_mg_dl"].to_list() == pytest.approx([99.0858] * 3)
+    record = read("time;glucose_mg_dl;carbs_g\n2024-03-13 01:00;100;12 oz\n")
+    assert record.frame["carbs_g"].null_count() == 1
+    assert "1 cell of carbohydrate holds no number." in record.notes
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value", "rate"),
+    [("Basal (mU/h)", "mU/h", 900, 0.9), ("rate IE/min", "IE/min", 0.01, 0.6), ("mU/min", "mU/min", 15, 0.9)],
+)
+def test_a_name_with_another_unit_asks_for_it(read, refused, name, unit, value, rate):
+    text, columns = f"time,bg,{name}\n2024-03-13 01:00,100,{value}\n", f"time=time,glucose_mg_dl=bg,basal_U_h={name}"
+    assert refused(text, columns=columns).endswith(f"say its unit, as file_units='basal={unit}' (--file-units)")
+    record = read(text, columns=columns, file_units=f"basal={unit}")
+    assert record.frame["basal_U_h"].to_list() == pytest.approx([rate])
+
+
+def test_compressed_files_and_utf_16_without_a_mark(read, refused):
+    expected = read(clarity(40)).frame
+    assert read(gzip.compress(clarity(40).encode())).frame.equals(expected)
+    assert read(clarity(40).encode("utf-16-le")).frame.equals(expected)
+    assert read(clarity(40).encode("utf-16-be")).frame.equals(expected)
+    assert "compressed by gzip and damaged" in refused(b"\x1f\x8b" + bytes(60))
+    assert "a ZIP within another file" in refused(zipped_bytes(zipped(a=clarity(3))))
 
 
 def test_a_clock_alone_asks_for_its_date(refused):

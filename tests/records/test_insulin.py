@@ -63,7 +63,14 @@ def test_pens_of_long_acting_insulin(read):
 
 @pytest.mark.parametrize(
     ("stop", "go"),
-    [("Suspend Pump", "Resume Pump"), ("Pump Suspend", "Pump Resume"), ("PumpSuspended", "PumpResumed")],
+    [
+        ("Suspend Pump", "Resume Pump"),
+        ("Pump Suspend", "Pump Resume"),
+        ("PumpSuspended", "PumpResumed"),
+        ("Suspend", "Unsuspend"),
+        ("Pump Stopped", "Pump Started"),
+        ("Insulin suspended", "Insulin restarted"),
+    ],
 )
 def test_suspensions_in_each_spelling(read, stop, go):
     meal = {"eventType": "Meal Bolus", "insulin": 1, "carbs": 10}
@@ -82,6 +89,8 @@ def test_suspensions_in_each_spelling(read, stop, go):
         ({"temp": "percent", "rate": 150}, 1.5),
         ({"percent": -100}, 0.0),
         ({"isAbsolute": False, "rate": 120}, 1.2),
+        ({"isAbsolute": False, "rate": 120, "percent": 20}, 1.2),
+        ({"eventType": "Temp Basal Start", "percent": 20}, 1.2),
     ],
 )
 def test_percentages_as_uploaders_write_them(read, temporary, share):
@@ -91,6 +100,23 @@ def test_percentages_as_uploaders_write_them(read, temporary, share):
     treatments = nightscout_treatments((at[0], meal), (at[1], event), (at[3], meal), offset=0)
     rates = rates_of(read(treatments, profile("UTC")))
     assert rates == [(at[0], 0.8), (at[1], pytest.approx(0.8 * share)), (at[2], 0.8)]
+
+
+def test_a_temporary_rate_that_is_ended_by_an_entry(read):
+    meal = {"eventType": "Meal Bolus", "insulin": 1, "carbs": 10}
+    at = [START + timedelta(hours=hours) for hours in (0, 2, 3, 8)]
+    start, end = {"eventType": "Temp Basal Start", "absolute": 0.3, "duration": 120}, {"eventType": "Temp Basal End"}
+    treatments = nightscout_treatments((at[0], meal), (at[1], start), (at[2], end), (at[3], meal), offset=0)
+    assert rates_of(read(treatments, profile("UTC"))) == [(at[0], 0.8), (at[1], 0.3), (at[2], 0.8)]
+
+
+@pytest.mark.parametrize(
+    "mark", [{"isValid": False}, {"isValid": "false"}, {"isValid": 0}, {"isDeleted": True}, {"deleted": "true"}]
+)
+def test_entries_that_were_deleted_by_each_mark(read, mark):
+    meal = {"eventType": "Meal Bolus", "insulin": 5, "carbs": 50}
+    record = read(nightscout_treatments((START, {**meal, **mark}), (START + timedelta(hours=1), meal)))
+    assert (record.frame["bolus_U"].sum(), record.left_out) == (5.0, {"entries that were deleted": 1})
 
 
 def test_a_switch_by_name_with_a_percentage(read):

@@ -11,14 +11,17 @@ from device_files import (
     CARELINK_HEADER,
     LIBRE_HEADER,
     NAME,
+    RAW_HEADER,
     SERIAL,
     START,
     SURNAME,
     carelink,
+    carelink_raw,
     clarity,
     every,
     glucose,
     jaeb,
+    juggluco,
     libre,
     nightscout_entries,
     nightscout_text,
@@ -435,3 +438,104 @@ def test_nightscout_as_text(read, delimiter):
     assert [value for _, value in sorted(readings(record).items())] == [glucose(n) for n in range(40)]
     assert record.rows == record.rows_used == 41
     assert set(record.frame["device"].drop_nulls()) == {"Dexcom G6"}
+
+
+RAW_EVENTS = (
+    (minutes(0), "BasalProfileStart", "PATTERN_NAME=standard, RATE=0.5, START_TIME=0, ACTION_REQUESTOR=pump", {}),
+    (minutes(1), "BolusWizardBolusEstimate", "CARB_INPUT=64, CARB_UNITS=grams, CARB_RATIO=13", {23: 64}),
+    (minutes(2), "BolusNormal", "AMOUNT=3.6, PROGRAMMED_AMOUNT=3.6, IS_DUAL_COMPONENT=true", {11: 3.6, 12: 3.6}),
+    (minutes(3), "BolusSquare", "AMOUNT=1.7, PROGRAMMED_AMOUNT=2.3, DURATION=3600000", {11: 2.3, 12: 1.7}),
+    (minutes(4), "BolusWizardBolusEstimate", "CARB_INPUT=0, CARB_UNITS=grams", {23: 0}),
+    (minutes(5), "JournalEntryMealMarker", "CARB_INPUT=20, CARB_UNITS=grams", {}),
+    (minutes(6), "JournalEntryMealMarker", "CARB_INPUT=2, CARB_UNITS=exchanges", {}),
+    (minutes(10), "ChangeTempBasalPercent", "PERCENT_OF_RATE=60, DURATION=36000000, ACTION_REQUESTOR=pump", {7: 60}),
+    (minutes(20), "ChangeTempBasalPercent", "PERCENT_OF_RATE=0, DURATION=0", {}),
+    (minutes(30), "ChangeSuspendEnable", "ENABLE=user_suspend, PRE_ENABLE=normal_pumping", {16: "Suspended"}),
+    (minutes(40), "ChangeSuspendState", "STATE=auto_resume_complete", {}),
+    (minutes(50), "ChangeTempBasal", "DURATION=1800000, ACTION_REQUESTOR=pump", {7: 0.2}),
+    (minutes(60), "Prime", "AMOUNT=0.3", {15: 0.3}),
+    (minutes(61), "BGReceived", "AMOUNT=130", {5: 130}),
+    (minutes(62), "SensorCalBG", "AMOUNT=130", {29: 130}),
+    (minutes(63), "AlarmPump", "RAW_TYPE=4", {28: "No Delivery (4)"}),
+    (minutes(64), "GlucoseSensorDataLow", "AMOUNT=null", {}),
+)
+
+
+@pytest.mark.parametrize("german", [False, True])
+def test_carelink_before_2017(read, german):
+    if german:
+        header = RAW_HEADER.replace("Index,Date,Time", "Index,Datum,Zeit").replace("Raw-Type,Raw-", "Roh-Typ,Roh-")
+        events = [
+            (
+                time,
+                kind,
+                values.replace("0.5", "0,5").replace("3.6", "3,6"),
+                {n: str(c).replace(".", ",") for n, c in cells.items()},
+            )
+            for time, kind, values, cells in RAW_EVENTS
+        ]
+        record = read(carelink_raw(40, events, header.replace("Sensor Glucose", "Sensorglukose"), "%d.%m.%y", ";"))
+    else:
+        record = read(carelink_raw(40, RAW_EVENTS))
+    assert readings(record) == expected(5)
+    assert values(record, "bolus_U") == [(minutes(2), 3.6), (minutes(3), 1.7)]
+    assert values(record, "bolus_min") == [(minutes(3), 60.0)]
+    assert values(record, "carbs_g") == [(minutes(1), 64.0), (minutes(5), 20.0)]
+    assert values(record, "basal_U_h") == [
+        (minutes(at), pytest.approx(rate))
+        for at, rate in ((0, 0.5), (10, 0.3), (20, 0.5), (30, 0.0), (40, 0.5), (50, 0.2), (80, 0.5))
+    ]
+    assert record.frame["out_of_range"].drop_nulls().to_list() == ["low"]
+    assert set(record.frame["device"]) == {"Medtronic"}
+    assert record.left_out == {
+        "entries of the bolus calculator and of meals without carbohydrate": 1,
+        "meals in exchanges, not in grams": 1,
+        "insulin that fills a tube or a cannula, which nobody gets": 1,
+        "finger pricks": 1,
+        "calibrations": 1,
+        "alarms": 1,
+    }
+
+
+def test_juggluco(read):
+    at = [round((minutes(n) - datetime(1970, 1, 1)).total_seconds()) - 7200 for n in (3, 4, 5, 6)]
+    amounts = zip(at, (4.5, 40, 14, 3), ("Fast Insuli", "Carbohydra", "Long Insuli", "Bike"), strict=True)
+    lines = [f"0\t{n}\t{s}\t2024-03-13T00:00:00\t2\t{v}\t{label}" for n, (s, v, label) in enumerate(amounts)]
+    head = "Source\tnr\tUnixTime\tYYYY-mm-dd-HH:MM:SS\tTZ\tValue\tLabel"
+    history = juggluco(13, 15, head="mg/dL", tail="", value=lambda n: glucose(3 * n))
+    record = read(juggluco(40), "\n".join([head, *lines]), history)
+    assert readings(record) == expected(5)
+    assert set(record.frame["utc_offset_min"]) == {120}
+    assert [record.frame[name].sum() for name in ("bolus_U", "carbs_g", "long_acting_U")] == [4.5, 40.0, 14.0]
+    assert record.left_out == {
+        "amounts whose label is none of carbohydrate or insulin": 1,
+        "rows that repeat another one": 13,
+    }
+
+
+TREATMENTS = (
+    "_id,absolute,carbs,created_at,duration,enteredBy,eventType,insulin,isSMB,isValid,percent,raw_rate/amount\n"
+    "a,,45,{0}T01:00:00.000Z,,Loop,Meal Bolus,4.5,False,True,,\n"
+    "b,0.5,,{0}T02:00:00Z,30,openaps,Temp Basal,,,,,0.5\n"
+    'c,,10,{0}T03:00:00Z,,"x, y",Carb Correction,,,false,,\n'
+    "d,,,{0}T04:00:00Z,,x,Note,NaN,,,,\n"
+).format("2024-03-13")
+
+
+def test_treatments_of_nightscout_as_a_table(read, refused):
+    record = read(TREATMENTS)
+    assert record.frame.select("carbs_g", "bolus_U", "bolus_type").drop_nulls().rows() == [(45.0, 4.5, "manual")]
+    assert str(values(record, "basal_U_h")) == str([(minutes(117), 0.5), (minutes(147), float("nan"))])
+    assert record.left_out == {"entries that were deleted": 1, "treatments without carbohydrate or insulin": 1}
+    local = TREATMENTS.replace("T0", " 0").replace(".000Z", "").replace("Z,", ",")
+    assert refused(local).startswith("its times tell no offset from UTC; say the time zone of their clock")
+    assert values(read(local, time_zone="Europe/Berlin"), "carbs_g") == [(minutes(57), 45.0)]
+
+
+def test_entries_of_nightscout_as_pairs_and_as_a_table(read, refused):
+    pairs = [f"{time:%Y-%m-%dT%H:%M:%S.000Z}, {glucose(n)}" for n, time in enumerate(every(5, 40))]
+    assert readings(read("\n".join(pairs))) == expected(5)
+    rows = [f"{glucose(n) / 18.0156:.9f},{line.split(',')[0]},xDrip" for n, line in enumerate(pairs)]
+    table = "\n".join(["sgv,dateString,device", *rows])
+    assert "it looks like mmol/l" in refused(table)
+    assert list(readings(read(table, glucose_unit="mmol/l"))) == every(5, 40)

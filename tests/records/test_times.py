@@ -50,6 +50,21 @@ def test_a_wrong_order_leaves_the_rows_out_by_name(read):
         ("13-Mar-2024 07:08:09", datetime(2024, 3, 13, 7, 8, 9)),
         ("13.03.24 07:08", datetime(2024, 3, 13, 7, 8)),
         ("2024-03-13T07:08:09.250", datetime(2024, 3, 13, 7, 8, 9, 250000)),
+        ("20240313 07:08", datetime(2024, 3, 13, 7, 8)),
+        ("20240313T070809", datetime(2024, 3, 13, 7, 8, 9)),
+        ("2024-03-13T070809", datetime(2024, 3, 13, 7, 8, 9)),
+        ("March 13, 2024 7:08 PM", datetime(2024, 3, 13, 19, 8)),
+        ("13 September 2024 07:08", datetime(2024, 9, 13, 7, 8)),
+        ("Mittwoch, 13.03.2024 07:08 Uhr", datetime(2024, 3, 13, 7, 8)),
+        ("13. 3. 2024 7.08", datetime(2024, 3, 13, 7, 8)),
+        ("13/03/2024 07h08", datetime(2024, 3, 13, 7, 8)),
+        ("2024. 03. 13. 07:08", datetime(2024, 3, 13, 7, 8)),
+        ("2024年3月13日 07:08", datetime(2024, 3, 13, 7, 8)),
+        ("2024-03-13 07:08:09 UTC", datetime(2024, 3, 13, 7, 8, 9)),
+        ("2024-03-13 07:08:09+00", datetime(2024, 3, 13, 7, 8, 9)),
+        ("2024-03-13 07:08 GMT+1", datetime(2024, 3, 13, 6, 8)),
+        ("2024-03-13 07:08:09-0530", datetime(2024, 3, 13, 12, 38, 9)),
+        ("2024-03-13 07:60", None),
         ("2024-02-30T07:08:09", None),
         ("2024-13-01T07:08:09", None),
         ("2024-03-13", None),
@@ -96,6 +111,15 @@ def test_the_hour_that_a_clock_repeats_is_kept_and_told(read, newest_first):
     assert instants["at"].to_list() == every(5, 60, AUTUMN - timedelta(hours=2))
     assert instants["glucose"].to_list() == [float(glucose(number)) for number in range(60)]
     assert not [note for note in record.notes if "gap" in note]
+
+
+def test_what_comes_after_a_repeated_hour_does_not_stand_beside_it(read):
+    instants = every(5, 150, AUTUMN)
+    walls = [time - timedelta(hours=time.hour >= 3) for time in instants]
+    rows = [f"{time:%Y-%m-%d %H:%M},{100 + n}" for n, time in enumerate(walls)]
+    notes = " ".join(read("\n".join(["time,glucose_mg_dl", *rows])).notes)
+    assert "12 readings of a repeated hour" in notes
+    assert "two trajectories" not in notes
 
 
 def test_a_meal_in_the_repeated_hour_has_no_known_offset(read):

@@ -1,9 +1,11 @@
 """One sensor that several uploaders send counts once, and so does a dose that two apps log."""
 
 import json
-from datetime import timedelta
+from datetime import UTC, timedelta
 
+import hypothesis.strategies as st
 import pytest
+from hypothesis import HealthCheck, given, settings
 
 from device_files import START, every, glucose, nightscout_treatments
 from record_values import entries, notes_of
@@ -45,6 +47,25 @@ def test_sensors_that_disagree_are_shown_and_chosen(read, refused):
     assert chosen.frame["glucose_mg_dl"].min() >= 160.0
     assert chosen.left_out == {"readings of other devices than the one that is chosen": 40}
     assert "the readings are of" in refused(items, device="Dexcom G5")
+
+
+def at_steps(*parts):
+    """Entries of one name that come at each step for a number of readings, one part after the other."""
+    result, at = [], START
+    for step, count in parts:
+        for item in entries("Libre", 0, 0, count):
+            time = at + timedelta(minutes=step * (count - 1 - len(result) % count))
+            result.append({**item, "sgv": 120, "date": int(time.replace(tzinfo=UTC).timestamp() * 1000)})
+        at += timedelta(minutes=step * count)
+    return json.dumps(result)
+
+
+@settings(deadline=None, max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(parts=st.lists(st.tuples(st.sampled_from([1, 3, 5, 10, 15]), st.integers(20, 300)), min_size=1, max_size=3))
+def test_one_stream_that_reads_more_often_for_a_while_stays(read, parts):
+    record = read(at_steps(*parts))
+    assert record.frame.height == sum(count for _, count in parts)
+    assert not record.left_out
 
 
 def test_two_parts_of_a_record_by_two_devices_stay(read):

@@ -171,6 +171,44 @@ def tidepool(count=40, start=START, offset=-420, more=()):
     return json.dumps(told)
 
 
+RAW_HEADER = (
+    "Index,Date,Time,Timestamp,New Device Time,BG Reading (mg/dL),Linked BG Meter ID,Temp Basal Amount (U/h),Temp "
+    "Basal Type,Temp Basal Duration (hh:mm:ss),Bolus Type,Bolus Volume Selected (U),Bolus Volume Delivered "
+    "(U),Programmed Bolus Duration (hh:mm:ss),Prime Type,Prime Volume Delivered (U),Suspend,Rewind,BWZ Estimate "
+    "(U),BWZ Target High BG (mg/dL),BWZ Target Low BG (mg/dL),BWZ Carb Ratio (grams),BWZ Insulin Sensitivity "
+    "(mg/dL),BWZ Carb Input (grams),BWZ BG Input (mg/dL),BWZ Correction Estimate (U),BWZ Food Estimate (U),BWZ "
+    "Active Insulin (U),Alarm,Sensor Calibration BG (mg/dL),Sensor Glucose (mg/dL),ISIG Value,Daily Insulin Total "
+    "(U),Raw-Type,Raw-Values,Raw-ID,Raw-Upload ID,Raw-Seq Num,Raw-Device Type"
+)
+
+
+def carelink_raw(count=40, events=(), header=RAW_HEADER, dates="%m/%d/%y", delimiter=","):
+    """CareLink of before 2017: readings, and further events ``(time, raw type, raw values, {place: cell})``."""
+    rows = [(time, "GlucoseSensorData", "AMOUNT=1", {30: glucose(n)}) for n, time in enumerate(every(5, count))]
+    lines = [f"Name,{NAME} {SURNAME}", f"Pump:,Paradigm Revel - 723,#{SERIAL}", header.replace(",", delimiter)]
+    for number, (time, kind, values, cells) in enumerate(sorted([*rows, *events], key=lambda row: row[0]), 1):
+        fixed = {
+            0: number,
+            1: f"{time:{dates}}",
+            2: f"{time:%H:%M:%S}",
+            33: kind,
+            34: f'"{values}"',
+            38: "Paradigm 522",
+        }
+        lines.append(delimiter.join(str({**fixed, **cells}.get(place, "")) for place in range(39)))
+    return "\n".join(lines) + "\n"
+
+
+def juggluco(count=40, minutes=5, head="mg/dL\tRate\tChangeLabel", tail="\t+0.49\tSTABLE", value=glucose, offset_h=2):
+    """Readings that Juggluco exports: those of the stream, or of the history with another head and tail."""
+    rows = [
+        f"{SERIAL}\t{n}\t{round((time - datetime(1970, 1, 1)).total_seconds()) - 3600 * offset_h}\t"
+        f"{time:%Y-%m-%d-%H:%M:%S}\t{offset_h:g}\t{n}\t{value(n)}{tail}"
+        for n, time in enumerate(every(minutes, count))
+    ]
+    return "\n".join([f"Sensorid\tnr\tUnixTime\tYYYY-mm-dd-HH:MM:SS\tTZ\tMin\t{head}", *rows]) + "\n"
+
+
 def ohio(**lists):
     """OhioT1DM's XML, of lists of events as attributes."""
     told = {
@@ -352,8 +390,11 @@ FILES = {
     "clarity": clarity(30),
     "libre": libre(30),
     "carelink": carelink([(START, {"Basal Rate": "1,0"})], _SENSOR),
+    "carelink-raw": carelink_raw(30),
+    "juggluco": juggluco(30),
     "nightscout": nightscout_entries(30),
     "nightscout-text": nightscout_text(30),
+    "nightscout-table": "dateString,sgv\n" + "".join(f"{time:%Y-%m-%dT%H:%M:%SZ},100\n" for time in every(5, 30)),
     "tidepool": tidepool(30),
     "glooko": glooko(30),
     "azt1d": azt1d(30),

@@ -303,7 +303,7 @@ ALWAYS_OF_STUDIES = {
     "situation": """patient setpoint_mg_dl profile_error targets overrides rescue rhythm actions events sensor pump
         faults warm_up_min metrics sample_time_min
         allow_unusual controller guard model days duration_min meals habits exercise scenario
-        initial_glucose_mg_dl integrator""",
+        initial_glucose_mg_dl integrator changes""",
     "people": "people population first_person traces precision arithmetic shard_people",
     "compare, bound": "bound known_after_min in_advance objective",
     "league": "families scenarios sensors controllers reference worse_by_pct bound_people seed",

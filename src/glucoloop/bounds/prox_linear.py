@@ -29,6 +29,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._kept_programs import kept_jit
 from glucoloop.qp import QPSolution, solve_qp
 
 Values = npt.NDArray[np.float64]
@@ -108,7 +109,7 @@ class Minimum:
     iterations: int
 
 
-@jax.jit
+@kept_jit
 def _solve(H: jax.Array, f: jax.Array, G: jax.Array, h: jax.Array) -> QPSolution:
     return solve_qp(H, f, G, h, tolerance=_QP_TOLERANCE, max_iterations=_QP_ITERATIONS)
 

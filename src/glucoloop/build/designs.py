@@ -11,7 +11,6 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._disk_cache import kept_result
 from glucoloop.build.random_keys import record_key
 from glucoloop.build.surroundings import record_sensor
 from glucoloop.build.titration import profile_of
@@ -192,7 +191,7 @@ def paced_situation(situation: Situation, case: Case) -> Situation:
 
 def nominal_model(situation: Situation, case: Case) -> Identification:
     """The model of a case, identified from the nominal patient; refused if no controller should be designed on it."""
-    result = identified_model(situation, case, situation.nominal, functools.partial(kept_result, identify))
+    result = identified_model(situation, case, situation.nominal)
     reasons = result.doubts()
     if reasons and not situation.allow_unusual:
         identification = case.identified
@@ -213,12 +212,10 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
     return result
 
 
-def identified_model(
-    situation: Situation, case: Case, patient: Patient, identified: Callable[..., Identification] = identify
-) -> Identification:
+def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:
     """The model of a case, identified from the pulse experiment on a patient."""
     identification = case.identified
-    return identified(
+    return identify(
         patient,
         record_sensor(situation, identification.noise_variance or 0.0),
         record_key(situation.seed),

@@ -36,6 +36,7 @@ COMMANDS: Final = {
     "export": CommandEntry("glucoloop.cli.export:EXPORT", CARRY_ON, "Write a controller as C for a microcontroller."),
     "records": CommandEntry("glucoloop.cli.records:RECORDS", MODELS, "Read records of sensors, pumps and apps."),
     "cite": CommandEntry("glucoloop.cli.cite:CITE", RESULTS, "Print what to cite for a run, as BibTeX."),
+    "cache": CommandEntry("glucoloop.cli.cache:CACHE", RESULTS, "Say what is kept for the next start, or remove it."),
     "query": CommandEntry("glucoloop.cli.query:QUERY", RESULTS, "Query the folder of a trial in SQL."),
 }
 _GROUPS: Final = (SIMULATE, MODELS, SAFETY, LIMITS, CARRY_ON, RESULTS)

@@ -1,34 +1,31 @@
-"""Persistent cache of compiled programs, and of models of nominal patients, for the command line."""
+"""JAX's own cache for the command line, in the folder of `glucoloop._disk_cache`.
+
+It keeps what has no name to be kept by: operations outside of compiled functions, the loops of trials, which are
+closures over their settings, and code of the user. JAX finds these by their text, once they are traced and lowered.
+"""
 
 from __future__ import annotations
 
 import atexit
 import functools
-import os
 import warnings
 from pathlib import Path
-from typing import Final
 
 from glucoloop.arithmetic import configure_jax
 from glucoloop.cli.screen import note
 from glucoloop.refusal import Refusal
 
-VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
-
 
 def keep_compiled() -> None:
-    """Switch JAX's persistent cache and `glucoloop._disk_cache` on, unless the environment says ``off`` for the folder.
+    """Switch JAX's persistent cache on, unless the environment says ``off`` for the folder.
 
     It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
     """
-    import platformdirs
-
-    from glucoloop._disk_cache import keep_results
+    from glucoloop._disk_cache import cache_folder
 
     configure_jax({"jax_traceback_filtering": "off"})  # a bug keeps its whole traceback
-    value = os.environ.get(VARIABLE, "").strip()
-    folder = Path(value or Path(platformdirs.user_cache_dir("glucoloop", appauthor=False)) / "compiled")
-    if value.lower() == "off" or not _usable(folder):
+    folder = cache_folder()
+    if folder is None or not _usable(folder):
         return
     configure_jax(
         {
@@ -37,14 +34,14 @@ def keep_compiled() -> None:
             "jax_persistent_cache_min_entry_size_bytes": -1,
         }
     )
-    keep_results()
     warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
 
 
 @functools.cache
 def _usable(folder: Path) -> bool:
     """Whether a folder of programs can be used; its contents are checked once per process."""
-    from glucoloop.storage.programs import check_programs, private_folder, seal_programs
+    from glucoloop._disk_cache import private_folder
+    from glucoloop.storage.programs import check_programs, seal_programs
 
     try:
         private_folder(folder)

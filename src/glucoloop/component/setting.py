@@ -259,7 +259,7 @@ class Setting:
             try:
                 return self.about.reads(value)
             except Refusal as error:
-                wrong = f"{self.name} is {shown(value)}; {error}"
+                wrong = f"{self.name}: {error}" if self.many else f"{self.name} is {shown(value)}; {error}"
         if wrong is not None:
             raise Refusal(f"{label}: {wrong}" if label else wrong)
         if self.many and value is not None:

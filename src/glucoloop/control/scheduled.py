@@ -53,8 +53,8 @@ class Scheduled:
 
     @property
     def uses(self) -> frozenset[Need]:
-        """Needs that the inner controller meets, and the time of day."""
-        return uses_of(self.inner) | {TIME_OF_DAY}
+        """Needs that the inner controller meets, and the time of day where the schedule depends on it."""
+        return uses_of(self.inner) | ({TIME_OF_DAY} if self.schedule.by_clock else frozenset())
 
     @property
     def draws(self) -> bool:
@@ -63,8 +63,8 @@ class Scheduled:
 
     @property
     def needs_time_of_day(self) -> bool:
-        """True: without the time of day there is no schedule."""
-        return True
+        """Whether the schedule or the inner controller goes by the time of day."""
+        return self.schedule.by_clock or bool(getattr(self.inner, "needs_time_of_day", False))
 
     def settled(self) -> dict[str, Any]:
         """Settings of the controller of the first segment that were settled when it was designed."""
@@ -110,10 +110,9 @@ class Scheduled:
 
 def _of_segment(starts_min: tuple[float, ...], observation: Observation, values: Callable[[int], T]) -> T:
     """Numbers of the segment in which the time of day of an observation lies."""
-    time = observation.time_of_day_min
-    assert time is not None  # which the design refuses
-    result = values(0)
+    result, time = values(0), observation.time_of_day_min
     for number, start in enumerate(starts_min[1:], start=1):
+        assert time is not None  # which the design refuses
         result = jax.tree.map(lambda new, old, at=start: jnp.where(time >= at, new, old), values(number), result)
     return result
 

@@ -101,15 +101,6 @@ class GriddedRecord:
         inside = slice(begin * SAMPLES_PER_DAY, end * SAMPLES_PER_DAY)
         return self._with_arrays(lambda values, _: values[inside], first=self.first + dt.timedelta(days=begin))
 
-    def with_doses(self, *, basal: float, boluses: float) -> GriddedRecord:
-        """The record with factors on its basal and long-acting insulin and on all boluses."""
-        return dataclasses.replace(
-            self,
-            basal_U=basal * self.basal_U,
-            user_bolus_U=boluses * self.user_bolus_U,
-            automatic_bolus_U=boluses * self.automatic_bolus_U,
-        )
-
     def padded(self, samples: int) -> GriddedRecord:
         """The record with some samples after its end, in which there is nothing."""
         more = max(samples, 0)

@@ -11,22 +11,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Final
 
-from glucoloop._lazy_jax import jnp, np
+from glucoloop._lazy_jax import np
 from glucoloop.component.setting import About
 from glucoloop.forecasts.effects import effect_of_future, effect_of_history
 from glucoloop.forecasts.grid import SAMPLE_MIN
 from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
 from glucoloop.forecasts.usual_day import UsualDay, usual_day
 from glucoloop.refusal import Refusal
-from glucoloop.therapy import INSULINS, insulin_left
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values
 
 _CORRECTION_RULE: Final = 1700.0
 _CARB_RULE: Final = 450.0
-_ABSORPTION_MIN: Final = 180.0
-_CARB_DELAY_MIN: Final = 10.0
 _FITTED_MIN: Final = (30, 60, 120, 180, 240)
 _MIN_DAILY_DOSE_U: Final = 1.0
 _LIMITS_MG_DL: Final = (39.0, 401.0)
@@ -53,27 +50,19 @@ def _effects(
     record: GriddedRecord, usual: UsualDay, origins: Places, horizons: Places, *, future_known: bool
 ) -> Values:
     """Insulin that acts [U] and carbohydrate that is absorbed [g] until each horizon, ``(origins, horizons, 2)``."""
+    from glucoloop.control.on_board import curves
+
     basal_U = usual.basal_U[record.clock]
     history = (record.insulin_U - basal_U, record.carbs_g)
     unknown = np.zeros(basal_U.size)
     future = (record.user_bolus_U, record.carbs_g) if future_known else (unknown, unknown)
     result = np.empty((origins.size, horizons.size, 2))
-    for kind, curve in enumerate(_curves()):
+    for kind, left in enumerate(curves(SAMPLE_MIN)):
+        curve = 1.0 - left
         for place, horizon in enumerate(horizons.tolist()):
             of_all = effect_of_history(history[kind], curve, horizon) + effect_of_future(future[kind], curve, horizon)
             result[:, place, kind] = of_all[origins]
     return result
-
-
-def _curves() -> tuple[Values, Values]:
-    """Part of a bolus that has acted and part of a meal that is absorbed, at whole samples after it."""
-    from glucoloop.control.loop_like import part_absorbed
-
-    insulin = INSULINS["rapid-adult"]
-    t_min = SAMPLE_MIN * np.arange(np.ceil((insulin.action_min + insulin.delay_min) / SAMPLE_MIN) + 1)
-    left = insulin_left(t_min - insulin.delay_min, insulin.action_min, insulin.peak_min)
-    absorbed = part_absorbed(jnp.asarray((t_min - _CARB_DELAY_MIN) / _ABSORPTION_MIN))
-    return 1.0 - np.asarray(left, np.float64), np.asarray(absorbed, np.float64)
 
 
 class LoopLikeForecast(ForecastMethod, name="loop-like"):

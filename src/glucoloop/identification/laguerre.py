@@ -7,7 +7,6 @@ Implementation Using MATLAB, Springer 2009, section 3.2.
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Final
 
 import jax
@@ -16,6 +15,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree
 from glucoloop.identification import _check
 from glucoloop.models.step_response import Realisation
@@ -180,7 +180,7 @@ def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | Non
     return PoleSearch(pole=poles[best], residual_norm=errors[best], poles=poles, residual_norms=errors)
 
 
-@partial(jax.jit, static_argnums=(1, 2))
+@kept_jit(static_argnums=(1, 2))
 def _functions(pole: Array, functions: int, memory: int) -> Array:
     transition, start = _network(pole, functions)
     states = jax.lax.scan(lambda x, _: (transition @ x, x), start, length=memory)[1]

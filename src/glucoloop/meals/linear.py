@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._disk_cache import kept_result
+from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
@@ -55,7 +56,7 @@ class LinearAbsorption:
         return emptying
 
 
-@jax.jit
+@kept_jit
 def absorb_linearly(model: LinearMealModel, eaten: Eaten) -> LinearAbsorption:
     """Combine meals with the linear model that absorbs them."""
     jumps = model.jumps(eaten)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.control.protocol import Decision
@@ -181,7 +182,7 @@ def summarise(
     return result
 
 
-@functools.partial(jax.jit, static_argnums=3)
+@kept_jit(static_argnums=3)
 def _summarised(
     trace: Trace, limits: DoseLimits, lowest_glucose_mg_dl: jax.Array | float, further: tuple[str, ...]
 ) -> Metrics:

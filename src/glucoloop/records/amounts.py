@@ -30,6 +30,14 @@ _WORDS: Final = {
     "basal": "a basal rate",
 }
 _UNIT_OF: Final = {"carbs": "g", "bolus": "U", "long_acting": "U", "basal": "U/h"}
+_IN_CELLS: Final = {
+    "mg/dl": "mg/dl",
+    "mmol/l": "mmol/l",
+    "g": "g|grams?|gramm",
+    "U": "i?u|u?i|ie|e|units?",
+    "U/h": "(i?u|u?i|ie|e|units?) ?(/|per) ?(h|hr|hour)",
+}
+"""Words for each unit behind a number in a cell."""
 _LOW: Final = (
     *("low", "lo", "niedrig", "tief", "bas", "basse", "faible", "bajo", "baja", "basso", "bassa", "laag", "baixo"),
     *("baixa", "lav", "lavt", "låg", "lågt", "niski", "niska", "niskie", "nízká", "nízka", "matala", "alacsony", "<"),
@@ -55,7 +63,9 @@ def with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accoun
     if frame["glucose"].dtype == pl.String:
         frame = _with_words(frame)
     marked = pl.col("out_of_range").is_not_null() & pl.col("glucose").is_null()
-    numbers = [_numbers(frame[name]).alias(f"_{name}") for name in VALUES]
+    told = {**_UNIT_OF, **extract.units, **answers.file_units}
+    told["glucose"] = answers.glucose_unit or extract.glucose_unit or ""
+    numbers = [_numbers(frame[name], _IN_CELLS.get(told[name])).alias(f"_{name}") for name in VALUES]
     frame = frame.with_columns(*numbers, _marked=marked)
     glucose_factor = _glucose_factor(frame["_glucose"], extract, answers)
     lowest, highest = extract.limits_mg_dl
@@ -103,8 +113,8 @@ def _with_words(frame: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def _numbers(cells: pl.Series) -> pl.Series:
-    """Numbers of cells, with a comma or a point; null for what is none."""
+def _numbers(cells: pl.Series, unit: str | None) -> pl.Series:
+    """Numbers of cells, with a comma or a point, and with their unit behind them; null for what is none."""
     if cells.dtype != pl.String:
         return cells.cast(pl.Float64)
     if cells.null_count() == len(cells):
@@ -113,6 +123,8 @@ def _numbers(cells: pl.Series) -> pl.Series:
     if plain.null_count() == cells.null_count() and plain.drop_nulls().is_finite().all():
         return plain
     text = pl.col(cells.name).str.strip_chars(' "')
+    if unit is not None:
+        text = text.str.replace(rf"(?i)^([^a-z]*\d) ?({unit})$", "$1")
     text = pl.when(text.str.contains(r"^[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")).then(text)
     return cells.to_frame().select(text.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)).to_series()
 

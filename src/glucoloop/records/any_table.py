@@ -18,6 +18,7 @@ from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_DAY, S_PER_MIN
 
 _UNITS: Final = {"glucose_mg_dl": "mg/dl", "glucose_mmol_l": "mmol/l"}
 _VALUES: Final = {
@@ -31,10 +32,15 @@ _VALUES: Final = {
 }
 _MILLISECONDS: Final = 13
 """Number of digits of the milliseconds since 1970 of any time from 2001 to 2286; that of seconds is 10."""
-_EPOCH: Final = rf"^(\d{{10}}(\.\d+)?|\d{{{_MILLISECONDS}}})$"
+_EPOCH: Final = rf"^(\d{{10}}(\.\d+)?|\d{{{_MILLISECONDS}}}(\d{{3}}){{0,2}})$"
+_SERIAL: Final = r"^[2-7]\d{4}([.,]\d+)?$"
+"""Days since the end of 1899, as a spreadsheet counts them; those of 1954 to 2119."""
 _DAYS: Final = r"^-?\d{1,5}$"
 """Days since the beginning of a study, by which it hides the dates."""
 _DAY_0: Final = dt.date(2000, 1, 1)
+_SERIAL_0: Final = dt.datetime(1899, 12, 30)
+_MILLIUNITS: Final = re.compile(r"(?<![A-Za-z])m(I?U|IE|UI)(?![a-z])(\s*/\s*\w+)?")
+_PER_MINUTE: Final = re.compile(r"(?i)(?<![a-z])(i?u|ie|ui)\s*(/|per)\s*(\d+\s*)?min")
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
 
@@ -63,6 +69,7 @@ class AnyTable(ReaderComponent, name="table"):
                 f"no line of its beginning has all of the columns {', '.join(names.values())}; "
                 f"{_likely(content, names)}"
             )
+        _refuse_other_units(present, answers)
         table = content.table(place)
         by_text = {name.casefold(): name for name in reversed(table.frame.columns)}
         columns = {target: by_text[name.casefold()] for target, name in present.items()}
@@ -106,6 +113,20 @@ class AnyTable(ReaderComponent, name="table"):
         return {}
 
 
+def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
+    """Refuse a column of insulin whose own name has another unit than the record, and no answer says which."""
+    units = {"bolus_U": ("bolus", "U"), "long_acting_U": ("long_acting", "U"), "basal_U_h": ("basal", "U/h")}
+    for target, (name, unit) in units.items():
+        text = columns.get(target, "")
+        other = _MILLIUNITS.search(text) or (_PER_MINUTE.search(text) if target == "basal_U_h" else None)
+        if other is not None and name not in answers.file_units:
+            own = other[0].replace(" ", "")
+            raise Refusal(
+                f"the column {text!r} is taken as {unit}, and its name has {own!r}",
+                f"say its unit, as file_units='{name}={own}' (--file-units)",
+            )
+
+
 def table_times(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Times of a table: seconds or milliseconds since 1970, texts, or a clock beside the date."""
     epoch = frame["time"].drop_nulls()
@@ -119,12 +140,29 @@ def table_times(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, li
         return times, [*notes, f"Its dates are numbers of days; day 0 was taken for {_DAY_0:%Y-%m-%d}."]
     if "date" in frame.columns:
         day = pl.col("date").str.replace(r"[T ]+0?0:00(:00)?(\.0+)?$", "")
-        return times_of(frame.select(pl.concat_str(day, "time", separator=" ")).to_series(), answers)
+        since = pl.col("time").str.replace(r"^(\d{4}-\d{2}-\d{2}[T ]|0 days? )", "")
+        return _readable(frame.select(pl.concat_str(day, since, separator=" ")).to_series(), answers)
+    if len(epoch) and epoch.str.contains(_SERIAL).all():
+        serial = pl.col("time").str.replace(",", ".", literal=True).cast(pl.Float64)
+        seconds = (serial * MIN_PER_DAY * S_PER_MIN).round().cast(pl.Int64)
+        texts = (pl.lit(_SERIAL_0) + pl.duration(seconds=seconds)).dt.to_string("%Y-%m-%d %H:%M:%S")
+        times, notes = times_of(frame.select(texts).to_series(), answers)
+        return times, [*notes, "Its times are numbers of days, as of a spreadsheet."]
     if len(epoch) and epoch.str.contains(_CLOCK).all():
         raise Refusal(
             "its times have no date", "name the column of dates too, as columns='date=Datum,time=Zeit,...' (--columns)"
         )
-    return times_of(frame["time"], answers)
+    return _readable(frame["time"], answers)
+
+
+def _readable(texts: pl.Series, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
+    """Times of texts; Refusal with the form of the first one where none can be read."""
+    times, notes = times_of(texts, answers)
+    there = texts.drop_nulls()
+    if len(there) and times["time"].null_count() == times.height:
+        form = re.sub(r"[^\W\d_]", "a", re.sub(r"\d", "9", there[0][:40]))
+        raise Refusal(f"none of its times can be read; they look like {form!r}", "write them as 2024-03-13 08:05:00")
+    return times, notes
 
 
 def _own_names(content: FileText) -> dict[str, str]:

@@ -14,6 +14,7 @@ import polars as pl
 from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
+from glucoloop.records.carelink_raw import place_of_raw
 from glucoloop.records.devices import kind_of
 from glucoloop.records.extract import Extract, bolus_types, extract_frame, with_basal
 from glucoloop.records.file_text import CellTable, FileText, table_of
@@ -82,7 +83,8 @@ class CareLink(ReaderComponent, name="carelink"):
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has a header of CareLink."""
-        return (content.header(*_HEADER) or _place_by_form(content)) is not None
+        known = content.header(*_HEADER) or _place_by_form(content)
+        return known is not None and place_of_raw(content) is None
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of all sections of an export of CareLink."""

@@ -46,6 +46,8 @@ _EXTRA: Final = ("more 1", "more 2")
 """Columns for fields beyond those of the header."""
 _FIELD_END: Final = "\0"
 """Sign that no text has, between fields."""
+_BEGINNING: Final = 40
+"""Number of bytes of which every other one is zero where English is in UTF-16 without a mark."""
 _HEAD: Final = 20_000
 """Number of letters in which the beginning of a file is looked at."""
 
@@ -106,7 +108,7 @@ class FileText:
     def fields(self) -> list[tuple[tuple[int, str], list[str]]]:
         """Fields of each of the first lines by each delimiter that it has, with the number of the line."""
         return [
-            ((number, delimiter), [" ".join(text.strip().strip('"').split()).casefold() for text in cells])
+            ((number, delimiter), [" ".join(text.strip('\ufeff "').split()).casefold() for text in cells])
             for number, line in enumerate(self.head)
             for delimiter in DELIMITERS
             if len(cells := line.split(delimiter)) > 1
@@ -196,6 +198,10 @@ def content_of(data: bytes) -> FileText:
             return _without_nul(data.decode("utf-16"), ())
         except UnicodeDecodeError:
             raise Refusal("it begins as UTF-16 and is cut off or damaged; export it again") from None
+    if len(data) >= _BEGINNING and len(data) % 2 == 0:
+        for nul, encoding in enumerate(("utf-16-be", "utf-16-le")):
+            if set(data[nul:_BEGINNING:2]) == {0}:
+                return _without_nul(data.decode(encoding, errors="replace"), ())
     try:
         return _without_nul(data.decode("utf-8-sig"), ())
     except UnicodeDecodeError:

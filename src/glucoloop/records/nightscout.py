@@ -1,6 +1,6 @@
 """JSON of Nightscout: entries, with the readings, treatments, with carbohydrate, boluses and rates, and profiles.
 
-Entries come as CSV and as text too, without a header: time, milliseconds since 1970, glucose, direction and device.
+Entries come as CSV and as text too, and treatments as tables: see `nightscout_table`.
 
 Times are instants in UTC, with the offset of the uploader's clock where it told one: an offset of 0 stands for an
 unknown one too, since the server writes it beside each time that ends in Z. Readings are in mg/dl whatever the site
@@ -28,6 +28,7 @@ from glucoloop.records.extract import Extract, cells, extract_frame, number_in, 
 from glucoloop.records.file_text import FileText, json_of
 from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.nightscout_profile import SWITCH, fixed_zone, profiles_of, usual_rates, zones_of
+from glucoloop.records.nightscout_table import is_table, items_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import TIME, from_utc, times_of
@@ -35,19 +36,18 @@ from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H
 
 _LOW_CODE, _HIGH_CODE = 39, 401
 _KINDS: Final = {"mbg": "finger pricks", "cal": "calibrations"}
-_TEMPORARY: Final = "Temp Basal"
+_TEMPORARY: Final = r"(?i)^temp(orary)? ?basal"
 _COMBO: Final = "Combo Bolus"
 _BY_THE_PERSON: Final = ("Meal Bolus", "Snack Bolus", "Bolus Wizard", _COMBO)
-_SUSPEND, _RESUME = re.compile(r"(?i)suspen"), re.compile(r"(?i)resum")
+_SUSPEND: Final = re.compile(r"(?i)suspen|\bstop(ped)? (pump|insulin|delivery)|(pump|insulin|delivery) stop")
+_RESUME: Final = re.compile(
+    r"(?i)resum|unsuspen|\b(re)?start(ed)? (pump|insulin|delivery)|(pump|insulin|delivery) (re)?start"
+)
 _OF_INSULIN: Final = r"(?i)bolus|insulin|basal|suspen|resum|prim(e|ing)|dose|injection|pen\b"
 _DELETED: Final = "entries that were deleted"
 _PRIMING: Final = "insulin that fills a tube or a cannula, which nobody gets"
 _SWITCHES: Final = "changes of the profile, which tell the usual basal rate"
 _MS_PER_MIN: Final = 60_000.0
-_LINE: Final = re.compile(
-    r'^"?(\d{4}-\d\d-\d\dT[^",\t]*)"?[,\t](\d{12,13})[,\t](\d*)[,\t]"?[^",\t]*"?[,\t]"?([^"\t]*)"?$'
-)
-"""Line of entries as CSV or text."""
 _MAX_OFFSET_MIN: Final = 840
 
 
@@ -60,7 +60,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
         """Whether a file is a list of entries, treatments or profiles."""
         items = content.items
         if items is None:
-            return any(_LINE.match(line.strip()) for line in content.head[:5])
+            return is_table(content)
         if profiles_of(content):
             return True
         first = [item for item in items[:50] if isinstance(item, dict)]
@@ -76,7 +76,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of entries or treatments."""
-        items = _items(content)
+        items = _items(content, answers)
         sources = cells(_source(item) for item in items)
         times, notes = _times(items, sources, answers)
         doses = [_doses(item) for item in items]
@@ -97,7 +97,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
         kind = (
             pl.when(pl.col("named").is_not_null())
             .then("named")
-            .when(pl.col("event") == _TEMPORARY)
+            .when(pl.col("event").str.contains(_TEMPORARY))
             .then(pl.lit("temporary basal rates without a rate and a duration"))
             .when(pl.col("event") == SWITCH)
             .then(pl.lit(_SWITCHES))
@@ -142,18 +142,15 @@ class Nightscout(ReaderComponent, name="nightscout"):
             notes.append(
                 f"The usual basal rate is that of the profiles of Nightscout; it changes {len(usual) - 1} times."
             )
-        return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=tuple(notes))
+        unit = answers.glucose_unit if content.items is None else None  # programs that make tables may convert it
+        return Extract(frame=with_basal(result, rates), glucose_unit=unit or "mg/dl", notes=tuple(notes))
 
 
-def _items(content: FileText) -> list[dict[str, Any]]:
+def _items(content: FileText, answers: Answers) -> list[dict[str, Any]]:
     """Entries or treatments of a file; an empty one for each that is none."""
-    if content.items is not None or not any(_LINE.match(line.strip()) for line in content.head[:5]):
-        return [item if isinstance(item, dict) else {} for item in content.objects()]
-    lines = (_LINE.match(line.strip()) for line in content.text.split("\n") if line.strip())
-    return [
-        {"dateString": line[1], "date": int(line[2]), "sgv": line[3] or None, "device": line[4]} if line else {}
-        for line in lines
-    ]
+    if content.items is None and is_table(content):
+        return items_of(content, answers.time_zone or next(iter(zones_of(answers.basal_profiles)), None))
+    return [item if isinstance(item, dict) else {} for item in content.objects()]
 
 
 class _Doses(NamedTuple):
@@ -169,7 +166,12 @@ class _Doses(NamedTuple):
 
 
 def _is_deleted(item: dict[str, Any]) -> bool:
-    return item.get("isValid") is False or item.get("isDeleted") is True
+    """Whether an entry was deleted; some programs write words or numbers for true and false."""
+    valid = item.get("isValid")
+    gone = [str(item.get(name) or "").casefold() for name in ("isDeleted", "deleted")]
+    return (valid is not None and str(valid).casefold() in ("false", "0")) or any(
+        word in ("true", "1") for word in gone
+    )
 
 
 def _source(item: dict[str, Any]) -> str | None:
@@ -330,8 +332,9 @@ def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEv
         if time is None or _is_deleted(item):
             continue
         minutes = _minutes(item)
-        if event == _TEMPORARY:
-            events += _temporary(item, row, time, minutes)
+        if re.search(_TEMPORARY, event):
+            ends = minutes is None and event.casefold().endswith("end")
+            events += _temporary(item, row, time, 0.0 if ends else minutes)
         elif _SUSPEND.search(event) and not _RESUME.search(event):
             if minutes:
                 events.append(BasalEvent(row=row, time=time, what="absolute", value=0.0, minutes=minutes))
@@ -349,8 +352,10 @@ def _temporary(item: dict[str, Any], row: int, time: Any, minutes: float | None)
         return []
     if minutes <= 0.0:
         return [BasalEvent(row=row, time=time, what="end")]
-    if item.get("temp") == "percent" or (item.get("isAbsolute") is False and percent is None):
-        whole = rate if rate is not None else None if percent is None else 100.0 + percent
+    relative = str(item.get("isAbsolute")).casefold() == "false"
+    if item.get("temp") == "percent" or (relative and absolute is None):
+        change = None if percent is None else 100.0 + percent
+        whole = change if rate is None or (relative and change is not None) else rate
         return [] if whole is None else [BasalEvent(row=row, time=time, what="percent", value=whole, minutes=minutes)]
     absolute = rate if absolute is None else absolute
     if absolute is not None:

@@ -11,9 +11,11 @@ from glucoloop.records.answers import Answers
 from glucoloop.refusal import Refusal
 
 _NAME: Final = re.compile(
-    r"(?i)^((pt|pat|patient|subj|subject|usubj|participant|person|people|proband|deident|anon\w*)"
-    r"([ _.-]*(id|no|nr|number|code|key))?"
-    r"|((user|case|study|record)[ _.-]*)?id|pid|uid)s?$"
+    r"(?i)^((pt|pat|patient|subj|subject|usubj|participant|person|people|proband|deident|anon\w*"
+    r"|patienten?|paciente?|paziente|patiënt|pacjent|sujeto|sujet|soggetto|participante?|probandin|versuchsperson)"
+    r"([ _.-]*(id|no|nr|number|code|key|nummer))?"
+    r"|id[ _.-]*(pt|pat|patient|subj|subject|participant|person|proband)"
+    r"|((user|case|study|record)[ _.-]*)?id|pid|uid|kennung)s?$"
 )
 _MOST_ALIKE: Final = 0.05
 """Largest share of times that a table of one person has more than once with other readings."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,7 +42,7 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> d
     if len(paths) == 1 and paths[0].is_dir():
         people = _people_of(paths[0])
         if len(people) > 1:
-            each = {path.name: read_files([path], reader, answers) for path in people}
+            each = {_name_of([path.name for path in own]): read_files(own, reader, answers) for own in people}
             return {f"{name} {who}".strip(): record for name, of_one in each.items() for who, record in of_one.items()}
     chosen = None if reader is None else READERS.choose(reader)
     files: list[UserFile] = []
@@ -73,7 +74,7 @@ def _read(files: Sequence[UserFile], chosen: ReaderComponent | None, answers: An
     zones = [*zones_of(answers.basal_profiles), *(zone for extract in extracts for zone in extract.zones)]
     return {
         name: _record(name, [file.path for file in recognised], extracts, zones, answers, notes)
-        for name in _people(recognised, extracts)
+        for name in _names_of_people(recognised, extracts)
     }
 
 
@@ -127,7 +128,7 @@ def _refuse_names_in_no_file(files: Sequence[_Recognised], extracts: Sequence[Ex
         )
 
 
-def _people(files: Sequence[_Recognised], extracts: Sequence[Extract]) -> list[str]:
+def _names_of_people(files: Sequence[_Recognised], extracts: Sequence[Extract]) -> list[str]:
     """Names of the people of all files; one empty name for files of one person."""
     each = [extract.frame["person"].drop_nulls().unique(maintain_order=True).to_list() for extract in extracts]
     names = list(dict.fromkeys(name for own in each for name in own))
@@ -171,16 +172,17 @@ def _record(
         raise FileRefusal(list(dict.fromkeys(paths)), whose) from None
 
 
-def _people_of(folder: Path) -> list[Path]:
-    """File or folder of each person of a folder, as a report has them; the folder where its files are of one person."""
+def _people_of(folder: Path) -> list[tuple[Path, ...]]:
+    """Files or folder of each person of a folder, as a report has them; the folder where its files are of one."""
     inside = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     files = [path for path in inside if path.is_file() and _is_known(path)]
     folders = [path for path in inside if path.is_dir()]
     if not folders:
-        return [folder] if len(files) < 2 or are_of_one_person(files) else files
+        people = files_of_people(files)
+        return people if len(people) > 1 else [(folder,)]
     if files and not any(_has_readings(file.data) for path in folders for file in files_of(path)):
-        return [folder]  # as of an export that has its insulin in a folder of its own
-    return sorted([*files, *folders])
+        return [(folder,)]  # as of an export that has its insulin in a folder of its own
+    return [(path,) for path in sorted([*files, *folders])]
 
 
 def _people_in_zip(archive: Path, files: Sequence[UserFile]) -> dict[str, list[UserFile]]:
@@ -197,7 +199,13 @@ def _people_in_zip(archive: Path, files: Sequence[UserFile]) -> dict[str, list[U
     if len(groups) < 2:
         return {}
     if not folders:
-        return {} if _are_of_one_person([file.data for own in groups.values() for file in own]) else groups
+        every = [(name, file) for name, own in groups.items() for file in own]
+        people = [[every[place] for place in own] for own in _people([(name, file.data) for name, file in every])]
+        return (
+            {_name_of([name for name, _ in own]): [file for _, file in own] for own in people}
+            if len(people) > 1
+            else {}
+        )
     if loose and not any(_has_readings(file.data) for name in folders for file in groups[name]):
         return {}
     return groups
@@ -232,42 +240,57 @@ def _is_known_text(data: bytes) -> bool:
     return True
 
 
-def are_of_one_person(paths: Sequence[Path]) -> bool:
-    """Whether files are parts of what a program exports of one person, of which one alone has readings.
+def files_of_people(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
+    """Files of each person: all of one, each of its own person, or those with the same number in their names.
 
     Refusal where several have readings and others none, since nothing says which belong together.
     """
     try:
-        texts = [read_bytes(path) for path in paths]
+        texts = [(path.name, read_bytes(path)) for path in paths]
     except Refusal:
-        return False
-    return _are_of_one_person(texts)
+        return [(path,) for path in paths]
+    return [tuple(paths[place] for place in own) for own in _people(texts)]
 
 
-def _are_of_one_person(texts: Sequence[bytes]) -> bool:
+def _people(files: Sequence[tuple[str, bytes]]) -> list[list[int]]:
+    """Places of the files of each person, of files by name; files of one are parts of what a program exports."""
+    apart = [[place] for place in range(len(files))]
     parts: list[bool] = []
     exports = True
-    for data in texts:
+    for _, data in files:
         try:
             content = content_of(data)
             reader = reader_of(content, Answers())
             if not reader.in_parts:
-                return False
+                return apart
             exports = exports and reader.in_exports
             alone = reader.with_profiles(content, Answers()) is None
             parts.append(alone and bool(reader.rows(content, Answers()).frame["glucose"].is_not_null().any()))
         except Refusal:
-            return False
-    if exports:
-        return True
-    if all(parts) or len(parts) < 2:
-        return False
-    if sum(parts) > 1:
-        raise Refusal(
-            f"{sum(parts)} of the files have readings and {len(parts) - sum(parts)} have none, and nothing says whose "
-            "these are; put the files of each person into a folder of their own, and give the folder with these folders"
-        )
-    return True
+            return apart
+    if not exports and (all(parts) or len(parts) < 2):
+        return apart
+    if exports or sum(parts) < 2:
+        return [list(range(len(files)))]
+    numbers = [_number_in(name) for name, _ in files]
+    people = [[place for place, other in enumerate(numbers) if other == number] for number in dict.fromkeys(numbers)]
+    if None not in numbers and all(sum(parts[place] for place in own) == 1 for own in people):
+        return people
+    raise Refusal(
+        f"{sum(parts)} of the files have readings and {len(parts) - sum(parts)} have none, and nothing says whose "
+        "these are; put the files of each person into a folder of their own, and give the folder with these folders"
+    )
+
+
+def _number_in(name: str) -> str | None:
+    """Last number in the name of a file, which may be that of a person; None if there is none."""
+    numbers = re.findall(r"\d+", name.rpartition(".")[0] or name)
+    return numbers[-1] if numbers else None
+
+
+def _name_of(names: Sequence[str]) -> str:
+    """Name of a person by the names of the files: that of the only one, or the number that all have."""
+    return names[0] if len(set(names)) == 1 else _number_in(names[0]) or names[0]
 
 
 @contextlib.contextmanager

@@ -41,6 +41,7 @@ _ALMOST_ALL: Final = 0.98
 """Share of lags with which a step is as good as one of a larger share."""
 _REGULAR: Final = 0.8
 """Share of steps that are alike in a regular stream."""
+_JITTER_MIN: Final = 0.25
 
 
 class _Stream(NamedTuple):
@@ -55,9 +56,16 @@ class _Stream(NamedTuple):
 
 
 def with_instants(frame: pl.DataFrame) -> pl.DataFrame:
-    """Rows with ``at``: instants in UTC, or where offsets are unknown the time on the wall without a step back."""
+    """Rows with ``at``: instants in UTC, or where offsets are unknown the time on the wall without a step back.
+
+    What comes after a repeated hour is an hour later too, so that it lies behind the second pass.
+    """
     if frame["utc_offset_min"].is_null().any():
-        at = pl.col("time") + pl.duration(minutes=pl.when("second_pass").then(60).otherwise(0), time_unit="us")
+        ends = frame.filter("second_pass")["time"].dt.truncate("1h").dt.offset_by("1h").unique().sort()
+        hours = pl.col("second_pass").cast(pl.Int64)
+        for end in ends:
+            hours += (pl.col("time") >= end).cast(pl.Int64)
+        at = pl.col("time") + pl.duration(hours=hours, time_unit="us")
     else:
         at = pl.col("time") - pl.duration(minutes="utc_offset_min", time_unit="us")
     return frame.with_columns(at=at)
@@ -143,7 +151,7 @@ def _step_of_several(t: Floats) -> float | None:
     steps = np.rint(np.diff(t))
     usual = float(np.median(steps))
     alike, short = steps == usual, steps < _REGULAR * usual
-    if usual > 1.0 and np.count_nonzero(alike) > _ALMOST_ALL * t.size and np.count_nonzero(short) < _FEWEST:
+    if usual > 0.0 and np.count_nonzero(alike) > _ALMOST_ALL * t.size and np.count_nonzero(short) < _FEWEST:
         return None  # no other step is that of more of them, so this one would be the best of the search below
     lags = [steps, *(np.rint(t[ways:] - t[:-ways]) for ways in range(2, _MAX_WAYS + 1))]
     best, covered = 0.0, -1
@@ -154,8 +162,16 @@ def _step_of_several(t: Floats) -> float | None:
                 there[: lag.size] |= np.abs(lag - step) <= 0.1 * step
             if np.count_nonzero(there) > covered + (1.0 - _ALMOST_ALL) * t.size:
                 best, covered = float(step), int(np.count_nonzero(there))
-    extra = np.count_nonzero(lags[0] < _REGULAR * best)
-    return best if covered >= _REGULAR * t.size and extra >= _FEWEST else None
+    short, even = lags[0] < _REGULAR * best, _even(np.diff(t))
+    extra, faster = (int(np.count_nonzero(short & part)) for part in (~even, even))
+    several = extra >= max(_FEWEST, faster)  # a stream that reads more often for a while is one
+    return best if covered >= _REGULAR * t.size and several else None
+
+
+def _even(steps: Floats) -> npt.NDArray[np.bool_]:
+    """Steps that are like the one before and the one after, as those of one stream are and interleaved ones are not."""
+    alike = np.abs(np.diff(steps)) <= (1.0 - _REGULAR) * np.maximum(steps[1:], steps[:-1]) + _JITTER_MIN
+    return np.asarray(np.append(alike, False) & np.insert(alike, 0, False))
 
 
 def _regular(steps: Floats) -> float | None:

@@ -14,10 +14,24 @@ TIME: Final = pl.Datetime("us")
 _PATTERN: Final = (
     r"(?i)^\s*(?<a>\d{1,4})[-./ ](?<b>\d{1,2}|[a-z]{3})[-./ ](?<c>\d{1,4})"
     r"[t ,]+(?<h>\d{1,2}):(?<m>\d{2})(?::(?<s>\d{2})(?:[.,](?<f>\d{1,9}))?)?"
-    r"\s*(?<half>[ap])?\.?m?\.?\s*(?<zone>z|[-+]\d{2}:?\d{2})?\s*$"
+    r"\s*(?<half>[ap])?\.?m?\.?\s*(?<zone>z|(?:utc|gmt)?[-+]\d{1,2}(?::?\d{2})?|utc|gmt)?\s*$"
 )
 _WRITTEN: Final = ("%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S", "%Y/%m/%d %H:%M:%S")
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_OTHERWISE: Final = (
+    (r"^\s*(\d{4})(\d\d)(\d\d)[t ]?(\d\d):?(\d\d):?(\d\d)$", "$1-$2-$3 $4:$5:$6"),  # 20240313080500
+    (r"^\s*(\d{4})(\d\d)(\d\d)[t ]?(\d\d):?(\d\d)$", "$1-$2-$3 $4:$5"),
+    (r"^\s*(\d{4}-\d\d-\d\d)[t ](\d\d)(\d\d)(\d\d)$", "$1 $2:$3:$4"),
+    (r"^\s*(\d{4})[年년] ?(\d{1,2})[月월] ?(\d{1,2})[日일] ?", "$1-$2-$3 "),
+    (r"^\s*(\d+)\. *(\d+)\. *(\d+)\.?", "$1.$2.$3"),  # 13. 3. 2024 and 2024. 03. 13.
+    (r"\s*uhr\s*$", ""),
+    (r"([t ,])(\d{1,2})[.h](\d{2})[.m](\d{2})s?$", "$1$2:$3:$4"),  # 8.05.00 and 8h05m00
+    (r"([t ,])(\d{1,2})[.h](\d{2})$", "$1$2:$3"),
+    (rf"^\s*((?:{'|'.join(_MONTHS)})[a-z]*)\.? +(\d{{1,2}}),? +(\d{{4}})", "$2 $1 $3"),  # March 13, 2024
+    (r"^[^\W\d]{2,12}\.?,? +(\d)", "$1"),  # a day of the week before the date
+    (r"(\d[-./ ])([a-z]{3})[a-z]*\.?([-./ ])", "$1$2$3"),  # a month in full
+)
+"""Ways to write a time, each with one that the pattern has; they are tried where the pattern does not fit."""
 YEARS: Final = (1000, 9998)
 """First and last year of a time: a study shifts its dates by as much as it likes."""
 
@@ -72,7 +86,7 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
 
 def _parts(texts: pl.Series) -> pl.DataFrame:
     """Numbers of which each text is made; ``a``, ``b`` and ``c`` are those of its date, in the order of the text."""
-    result = texts.str.extract_groups(_PATTERN).struct.unnest()
+    result = _fields(texts)
     result = result.with_columns(pl.col("b", "half", "zone").str.to_lowercase())
 
     def number(name: str) -> pl.Expr:
@@ -80,10 +94,9 @@ def _parts(texts: pl.Series) -> pl.DataFrame:
 
     month = pl.col("b").replace_strict(_MONTHS, range(1, 13), default=None, return_dtype=pl.Int32)
     half = pl.when(pl.col("half") == "p").then(12).otherwise(0)
-    digits = pl.col("zone").str.replace_all("[^0-9]", "")
-    minutes = digits.str.slice(0, 2).cast(pl.Int32, strict=False) * 60 + digits.str.slice(2, 2).cast(
-        pl.Int32, strict=False
-    )
+    zone = pl.col("zone").str.extract_groups(r"([-+])(\d{1,2}?):?(\d{2})?$")
+    hours, beside = (zone.struct.field(place).cast(pl.Int32, strict=False) for place in ("2", "3"))
+    minutes = 60 * hours + beside.fill_null(0)
     return result.select(
         a=number("a"),
         b=pl.coalesce(number("b"), month),
@@ -94,12 +107,24 @@ def _parts(texts: pl.Series) -> pl.DataFrame:
         minute=number("m"),
         second=number("s").fill_null(0),
         micro=pl.col("f").str.pad_end(6, "0").str.slice(0, 6).cast(pl.Int32, strict=False).fill_null(0),
-        offset=pl.when(pl.col("zone") == "z")
+        offset=pl.when(pl.col("zone").is_in(["z", "utc", "gmt"]))
         .then(0)
-        .when(pl.col("zone").str.starts_with("-"))
+        .when(zone.struct.field("1") == "-")
         .then(-minutes)
         .otherwise(minutes),
     )
+
+
+def _fields(texts: pl.Series) -> pl.DataFrame:
+    """Groups of the pattern in each text, or in what other ways of writing a time make of it."""
+    result = texts.str.extract_groups(_PATTERN).struct.unnest()
+    other = result["a"].is_null() & texts.is_not_null()
+    if not other.any():
+        return result
+    again = texts.filter(other).str.to_lowercase()
+    for written, plain in _OTHERWISE:
+        again = again.str.replace(written, plain)
+    return texts.clone().scatter(other.arg_true(), again).str.extract_groups(_PATTERN).struct.unnest()
 
 
 def _order(parts: pl.DataFrame, texts: pl.Series, given: str | None, usual: str | None) -> tuple[str, list[str]]:

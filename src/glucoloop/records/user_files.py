@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
@@ -13,6 +14,9 @@ from glucoloop.records.workbook import is_workbook, sheets_of
 from glucoloop.refusal import Refusal
 
 ZIP: Final = b"PK\x03\x04"
+_GZIP: Final = b"\x1f\x8b"
+_WITH_HEADER: Final = zlib.MAX_WBITS | 16
+"""Form of compressed bytes that begin with gzip's header."""
 _MAX_FILES: Final = 1000
 
 
@@ -45,13 +49,28 @@ def files_of(path: Path) -> list[UserFile]:
 
 
 def _opened(path: Path, data: bytes, *, of_many: bool) -> list[UserFile]:
-    """A file, or the tables of a workbook or a database."""
+    """A file, or the tables of a workbook or a database; what is compressed is unpacked."""
+    if data.startswith(_GZIP):
+        data = _decompressed(data)
+    if data.startswith(ZIP) and not is_workbook(data):
+        raise Refusal("it is a ZIP within another file; unpack that, and give what is in it")
     if not is_workbook(data) and not is_database(data):
         return [UserFile(path, data, of_many)]
     sheets = tables_of(data) if is_database(data) else sheets_of(data)
     if not sheets:
         raise Refusal("it is a workbook without a table; give the one that was exported")
     return [UserFile(path, sheet, of_many or len(sheets) > 1) for sheet in sheets]
+
+
+def _decompressed(data: bytes) -> bytes:
+    """Bytes of a file that gzip compressed, of bounded size."""
+    try:
+        result = zlib.decompressobj(_WITH_HEADER).decompress(data, LARGEST_BYTES + 1)
+    except zlib.error:
+        raise Refusal("it is compressed by gzip and damaged; export it again") from None
+    if len(result) > LARGEST_BYTES:
+        raise Refusal(f"it unfolds to more than {LARGEST_BYTES} bytes; divide it")
+    return result
 
 
 def _unpacked(path: Path, data: bytes) -> list[tuple[Path, bytes]]:

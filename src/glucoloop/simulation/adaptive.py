@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import lazy_loader
 
+from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.meals.absorption import Absorption
@@ -264,7 +265,7 @@ class Adaptive:
         return plant, outside, plant.digested(outside)
 
 
-@jax.jit
+@kept_jit
 def _course(plant: AdaptiveGutPlant, gut: jax.Array, eaten: jax.Array, t_min: jax.Array) -> Fed:
     """Inputs of all samples of a run, from the course of the gut by itself."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import pytree
+from glucoloop._kept_programs import kept_jit
+from glucoloop._pytree import pytree, static
 from glucoloop._representation import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
 from glucoloop.component.effects import (
@@ -27,10 +27,11 @@ from glucoloop.component.effects import (
     Need,
     warn_without_effect,
 )
+from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses, uses_of
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.scenario import Scenario, announced_g, announced_min
-from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, usual_pump
+from glucoloop.patients.capabilities import insulin_route, lowest_valid_glucose_mg_dl, usual_pump
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
@@ -40,7 +41,7 @@ from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.minute_inputs import minute_inputs_of
 from glucoloop.simulation.plant import Integrator, MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import Fixed, apart, sample_time_of, wrong_with
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
 if TYPE_CHECKING:
     import polars as pl
@@ -93,6 +94,12 @@ class Trace:
     """(samples,) mean intensity of exercise from each sample to the next; None where there was none."""
     rescue_g: jax.Array | None = None
     """(samples, ...) carbohydrate that the person eats at each sample against low glucose; None where there is none."""
+    subcutaneous: bool = static(default=False)
+    """Whether insulin is given subcutaneously."""
+    warm_up_dose_mU: jax.Array | None = None
+    """(samples before, ...) insulin above the basal rate at each sample of a warm-up; None without one."""
+    warm_up_carbs_g: jax.Array | None = None
+    """(samples before, ...) carbohydrate that was eaten at each sample of a warm-up; None without one."""
     rate_before_mU_min: jax.Array | None = None
     """Rate until the first sample; None for the rate at steady state, where the run has no warm-up."""
 
@@ -113,7 +120,44 @@ class Trace:
             fine_t_min=self.fine_t_min[: self.fine_t_min.shape[0] - inside],
             fine_glucose_mg_dl=self.fine_glucose_mg_dl[inside:],
             rate_before_mU_min=self.insulin_mU_min[samples - 1],
+            warm_up_dose_mU=self._dose_mU[:samples],
+            warm_up_carbs_g=self._eaten_g[:samples],
         )
+
+    @property
+    def _sample_time_min(self) -> jax.Array:
+        return self.fine_t_min[-1] / self.t_min.shape[0]
+
+    @property
+    def _dose_mU(self) -> jax.Array:
+        """(samples, ...) insulin above the basal rate that was delivered from each sample to the next."""
+        dose_mU = (self.insulin_mU_min - self.basal_insulin_mU_min) * self._sample_time_min
+        return dose_mU if self.bolus_mU is None else dose_mU + self.bolus_mU
+
+    @property
+    def _eaten_g(self) -> jax.Array:
+        """(samples, ...) carbohydrate of meals and against low glucose."""
+        if self.rescue_g is None:
+            return self.carbs_g
+        return self.rescue_g + self.carbs_g.reshape(-1, *(1,) * (jnp.ndim(self.rescue_g) - 1))
+
+    @property
+    def insulin_on_board_U(self) -> npt.NDArray[np.float64]:
+        """(samples, ...) insulin on board at each sample, above the basal rate; see `control.on_board`."""
+        insulin, _ = self._curves
+        return _on_board(self.warm_up_dose_mU, self._dose_mU, insulin) / MU_PER_U
+
+    @property
+    def carbs_on_board_g(self) -> npt.NDArray[np.float64]:
+        """(samples, ...) carbohydrate on board at each sample, of meals and against low glucose."""
+        _, carbs = self._curves
+        return _on_board(self.warm_up_carbs_g, self._eaten_g, carbs)
+
+    @property
+    def _curves(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        from glucoloop.control.on_board import curves
+
+        return curves(float(self._sample_time_min))
 
     @property
     def glucose_valid(self) -> jax.Array:
@@ -138,7 +182,9 @@ class Trace:
         are announced, ``announced_carbs_g`` tells what the controller was told; ``exercise_pct`` is there where there
         was exercise, its mean intensity until the next sample; ``rescue_g`` where the person eats against low glucose;
         where the controller gives boluses, ``bolus_mU``, ``command_bolus_mU`` and ``reported_bolus_mU`` tell
-        of them what the rates tell of the basal rate.
+        of them what the rates tell of the basal rate. ``carbs_on_board_g`` and, with subcutaneous insulin,
+        ``insulin_on_board_U`` are what is on board at the sample before its own dose and meal, by the curves of
+        `control.on_board`; insulin counts above the basal rate.
 
         Raises
         ------
@@ -169,8 +215,23 @@ class Trace:
                     for name in others
                     if getattr(self, name) is not None
                 },
+                **(
+                    {"insulin_on_board_U": pl.Series(self.insulin_on_board_U).fill_nan(None)}
+                    if self.subcutaneous
+                    else {}
+                ),
+                "carbs_on_board_g": self.carbs_on_board_g,
             }
         )
+
+
+def _on_board(before: jax.Array | None, amounts: jax.Array, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Amount on board at each sample, with what was given before the first of them."""
+    from glucoloop.control.on_board import on_board
+
+    if before is None:
+        return on_board(amounts, curve)
+    return on_board(np.concatenate([np.asarray(before), np.asarray(amounts)]), curve)[len(before) :]
 
 
 _OF_SAMPLES: Final = (
@@ -228,7 +289,7 @@ def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
     )
 
 
-@functools.partial(jax.jit, static_argnums=1)
+@kept_jit(static_argnums=1)
 def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: OnGrid, key: jax.Array) -> Trace:
     """Scan of the closed loop over samples."""
     loop: Loop = fixed.joined(numbers)
@@ -269,6 +330,7 @@ def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled,
         bolus_mU=happened.delivery.bolus_mU,
         reported_bolus_mU=happened.delivery.reported_bolus_mU,
         rescue_g=happened.rescue_g,
+        subcutaneous=insulin_route(patient) == SUBCUTANEOUS,
     )
 
 

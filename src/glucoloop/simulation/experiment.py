@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from glucoloop._disk_cache import keeps_result
+from glucoloop._kept_programs import kept_jit
 from glucoloop.arguments import checked, on_host, random_key
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.control.design_case import check_sample_time
@@ -46,7 +48,7 @@ patient at its operating points, at most .11 with subcutaneous insulin.
 """
 
 
-@jax.jit
+@kept_jit
 def _excite(
     plant: Plant, sensor: Sensor, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Any, key: jax.Array
 ) -> jax.Array:
@@ -127,6 +129,7 @@ def excite(
 
 @checked
 @on_host("a least-squares fit and its checks are made with NumPy")
+@keeps_result
 def identify(
     patient: Patient,
     sensor: Sensor | None = None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, TypeVar
 
@@ -11,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, random_key
 from glucoloop.component.effects import RHYTHMS, warn_without_effect
@@ -73,19 +73,19 @@ class _Now:
     """State of the gut before the coming sample."""
 
 
-@functools.partial(jax.jit, static_argnums=1)
+@kept_jit(static_argnums=1)
 def _begin(numbers: list[Any], fixed: Fixed, x: jax.Array, insulin: jax.Array, key: jax.Array) -> Any:
     return begin(fixed.joined(numbers), x, insulin, jnp.zeros(()), key)
 
 
-@functools.partial(jax.jit, static_argnums=1)
+@kept_jit(static_argnums=1)
 def _look(numbers: list[Any], fixed: Fixed, now: _Now, announced_g: float, start_min: float | None) -> Observation:
     loop: Loop = fixed.joined(numbers)
     time = None if start_min is None else (start_min + now.sample * loop.controller.sample_time_min) % MIN_PER_DAY
     return look(loop, now.loop, jnp.asarray(announced_g), now.key, now.sample, time)[2]
 
 
-@functools.partial(jax.jit, static_argnums=(1, 2, 3))
+@kept_jit(static_argnums=(1, 2, 3))
 def _step(
     numbers: list[Any],
     fixed: Fixed,

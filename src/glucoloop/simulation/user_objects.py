@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._disk_cache import kept_result
+from glucoloop._kept_programs import kept_jit
 from glucoloop.arguments import ArgumentTypeError, at_once, is_traced
 from glucoloop.component.pytree_component import PytreeComponent
 from glucoloop.control.design_case import check_sample_time
@@ -162,7 +163,7 @@ def compiled_by_class(function: Callable[..., Any], static: tuple[int, ...] = ()
     `static` are the places of the arguments after the patient, from 0 on, that are part of the program.
     """
 
-    @functools.partial(jax.jit, static_argnums=(0, *(place + 2 for place in static)))
+    @kept_jit(static_argnums=(0, *(place + 2 for place in static)), science=function)
     def run(fixed: Fixed, numbers: list[Any], *others: Any) -> Any:
         return function(fixed.joined(numbers), *others)
 

@@ -6,17 +6,30 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
-from glucoloop.component.effects import CHANCE, EXERCISE, MEALS, READINGS, Need
+from glucoloop.component.effects import (
+    CHANCE,
+    EXERCISE,
+    MEALS,
+    MEALS_ANNOUNCED,
+    OF_CONTROLLERS,
+    READINGS,
+    TIME_OF_DAY,
+    Need,
+)
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, completed
+from glucoloop.component.setting import value_text
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.models.settings import ModelComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import whole_samples
 from glucoloop.situations.case import Case, completed_case
+from glucoloop.situations.changes import by_clock, changes_option, needs_of, read_change, with_changes
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioComponent
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
+from glucoloop.situations.unused import reason
+from glucoloop.therapy import TherapyChange
 from glucoloop.unit_guess import GLUCOSE
 from glucoloop.units import MIN_PER_DAY
 
@@ -353,6 +366,17 @@ class Run(FedSituation):
             rare=True,
         ),
     ] = "fast"
+    changes: Annotated[tuple[str, ...], changes_option("Change the therapy of the run", PATIENT_PANEL)] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for text in self.changes:
+            self._refuse_without_effect(text)
+        if self.changes and type(self).changes_together:
+            self.with_changes(self.changes)  # refuses what is not possible
+
+    changes_together: ClassVar[bool] = True
+    """Whether all changes act together, and not each by itself."""
 
     @classmethod
     def defaults_of(cls, request: Request[Self], defaults: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -364,7 +388,41 @@ class Run(FedSituation):
         """Needs that the run meets, and chance where something is drawn, as a noisy record of a model is."""
         models = any(case.identified.noise_variance for case in self.cases) if "model" not in self.refused else False
         drawn = self.by_chance or models or any(CHANCE in case.uses() for case in self.cases)
-        return super().uses() - {CHANCE} | frozenset({CHANCE} if drawn else ())
+        clock = {TIME_OF_DAY} if any(map(by_clock, map(read_change, self.changes))) else set()
+        return super().uses() - {CHANCE} | frozenset({CHANCE} if drawn else ()) | clock
+
+    def without_effect(self, text: str, case: Case) -> str:
+        """Clause on why a change has no effect under a case; empty where it has one."""
+        change, name = read_change(text), case.controller.display_name
+        if isinstance(change, TherapyChange) and (own := case.controller.values().get(change.field)):
+            return f"the controller {name} has its own {change.field}={value_text(own)}"
+        uses = self.uses() - OF_CONTROLLERS | frozenset[Need]().union(*(of.uses() for of in (case, *self.actions)))
+        lacking = next((need for need in needs_of(change, case.controller) if need not in uses), None)
+        return "" if lacking is None else reason(lacking, [name])
+
+    def _refuse_without_effect(self, text: str) -> None:
+        if by_clock(read_change(text)) and self.start is None:
+            raise Refusal(
+                f"the change {text!r} has hours of the day and needs the time of day at the start",
+                "give it, like --start 06:00 (start in a file)",
+                "leave the hours out, for all day",
+            )
+        reasons = [self.without_effect(text, case) for case in self.cases]
+        if all(reasons):
+            announce = () if self.announce_meals else ("announce the meals (--announce-meals)",)
+            raise Refusal(
+                f"the change {text!r} has no effect: {'; '.join(dict.fromkeys(reasons))}",
+                *(announce if MEALS_ANNOUNCED.reason in reasons else ()),
+                "leave it out",
+            )
+
+    def with_changes(self, texts: tuple[str, ...]) -> Run:
+        """The run under changes of its therapy, each of which acts on what the ones before leave."""
+        plain = Run(**{**{name: getattr(self, name) for name in Run.settings()}, "changes": ()})
+        try:
+            return with_changes(plain, map(read_change, texts)) if texts else plain
+        except Refusal as error:
+            raise error.within(f"the change {', '.join(map(repr, texts))}") from None
 
     def population_with_days(self) -> Population:
         """The person, who has a day of meals; Refusal for one who has none."""

@@ -308,7 +308,7 @@ class Situation(Component):
         from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
         from glucoloop.simulation.plant import SampleGrid
 
-        if self.schedule.changes and self.start is None:
+        if self.schedule.by_clock and self.start is None:
             raise Refusal(
                 "a therapy by the time of day needs the time of day at the start",
                 "give it, like --start 06:00 (start in a file)",
@@ -350,7 +350,7 @@ class Situation(Component):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the situation meets; a class that knows its meals, its controllers and its chance says less."""
-        clock = {TIME_OF_DAY} if self.rhythm or self.therapy or self.targets or self.overrides else set()
+        clock = {TIME_OF_DAY} if self.rhythm or self.schedule.by_clock else set()
         late = {DEAD_TIME} if self.dead_time_min else set()
         announced = {MEALS_ANNOUNCED} if self.announce_meals or "announce_meals" in self.refused else set()
         return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late | announced

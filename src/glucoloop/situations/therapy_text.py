@@ -39,6 +39,8 @@ NUMBERS: Final = {
     "target": _Number(TARGET, 1.0, 60.0, 300.0, "mg/dl"),
 }
 """Numbers by the names that texts have for them."""
+_ALSO: Final = {"correction_factor": "correction"}
+"""Other names of numbers."""
 MEAL_HOURS: Final = {"breakfast": (300.0, 660.0), "lunch": (660.0, 960.0), "dinner": (960.0, 1320.0)}
 """Hours of the day that stand for a meal: 5 to 11 h, 11 to 16 h and 16 to 22 h."""
 _KEYS: Final = {f"{name}_{number.unit.replace('/', '_')}": name for name, number in NUMBERS.items()}
@@ -53,6 +55,7 @@ _AMOUNT: Final = re.compile(rf"({NUMBER})\s*(%|[A-Za-z][A-Za-z/]*)?", re.ASCII)
 def parse_change(text: str) -> TherapyChange:
     """Change of a number of a therapy from its text, like ``basal, +10%, 0h-6h``; Refusal for another text."""
     name, amount, hours = _pieces(text)
+    name = _ALSO.get(name, name)
     number = NUMBERS.get(name)
     if number is None:
         raise Refusal(f"{name!r} in {text!r} is no number of a therapy; {known_names(name, NUMBERS)}")
@@ -134,11 +137,16 @@ def parse_hours(text: str) -> tuple[float, float]:
 def change_text(change: TherapyChange) -> str:
     """Text from which the same change is read."""
     name = next(name for name, number in NUMBERS.items() if number.field == change.field)
-    amount = f"{_plain(change.factor * 100.0)}%" if change.value is None else _plain(change.value / NUMBERS[name].scale)
-    return f"{name}, {amount}, {_plain(change.from_min)}min-{_plain(change.to_min)}min"
+    amount = (
+        f"{plain_number(change.factor * 100.0)}%"
+        if change.value is None
+        else plain_number(change.value / NUMBERS[name].scale)
+    )
+    return f"{name}, {amount}, {plain_number(change.from_min)}min-{plain_number(change.to_min)}min"
 
 
-def _plain(value: float) -> str:
+def plain_number(value: float) -> str:
+    """A number in as few digits as tell it exactly."""
     return repr(float(value)).removesuffix(".0")
 
 

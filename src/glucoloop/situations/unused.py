@@ -31,7 +31,7 @@ def without_effect(
     cases = () if uses is not None or "controller" in request.refused else getattr(request, "cases", ())
     controllers = list(dict.fromkeys(request_of(case).value("controller").display_name for case in cases))
     notes = (
-        f"{name} has {need.effect}: {_reason(need, controllers)}." for name, need in _unused(request, all_uses, named)
+        f"{name} has {need.effect}: {reason(need, controllers)}." for name, need in _unused(request, all_uses, named)
     )
     return tuple(dict.fromkeys(notes))
 
@@ -75,7 +75,8 @@ def _called(component: Component) -> str:
     return f"{component.kind} {component.display_name}".rstrip()
 
 
-def _reason(need: Need, controllers: list[str]) -> str:
+def reason(need: Need, controllers: list[str]) -> str:
+    """Clause on why a need is not met, with the controllers that do not meet it."""
     if need not in OF_CONTROLLERS or not controllers:
         return need.reason
     several = len(controllers) > 1

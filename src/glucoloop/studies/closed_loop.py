@@ -61,9 +61,9 @@ def close_the_loop(run: Run, case: Case) -> Outcome:
 
     Refusal for a configuration that is not possible, in one sentence.
     """
-    model = model_for(run, case)
-    controller = controller_of(run, case, **model_arguments(model))
-    trace = close_loop(run, controller, run.as_scenario(), integrator=integrator_of(run))
+    model, changed = model_for(run, case), run.with_changes(run.changes) if run.changes else run
+    controller = controller_of(changed, case, **model_arguments(model))
+    trace = close_loop(changed, controller, changed.as_scenario(), integrator=integrator_of(run))
     return outcome_of(run, case, model, controller, trace)
 
 

@@ -409,10 +409,10 @@ class ExtendedPatient:
         _, result = jax.lax.scan(sample, start, jax.tree.map(jnp.asarray, inputs))
         return result
 
-    def under(
-        self, person: Any, p: jax.Array, days: Days, moments: jax.Array, start: jax.Array, unexplained_mg_min: jax.Array
+    def under_doses(
+        self, person: Any, p: jax.Array, start: jax.Array, days: Days, moments: jax.Array, appearance_mg_min: jax.Array
     ) -> jax.Array:
-        """Glucose ``(samples,)`` after each sample from a state ``(states,)`` on, with an appearance ``(samples,)``."""
+        """Controlled glucose ``(samples,)`` after each sample, from a state ``(states,)``, with a known appearance."""
         noises = self.noises(p)
 
         def sample(state: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
@@ -420,7 +420,7 @@ class ExtendedPatient:
             return state, person.glucose_mg_dl(state[:-EXTRA_STATES])[0]
 
         begun = jnp.concatenate([start, jnp.zeros(EXTRA_STATES)])[:, None]
-        inputs = (days.insulin_mU_min, moments, unexplained_mg_min, _clock(days))
+        inputs = (days.insulin_mU_min, moments, appearance_mg_min, _clock(days))
         return jax.lax.scan(sample, begun, jax.tree.map(jnp.asarray, inputs))[1]
 
     def filtered(self, person: Any, p: jax.Array, linear: Linearised, days: Days, moments: jax.Array) -> jax.Array:

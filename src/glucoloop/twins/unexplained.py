@@ -111,16 +111,15 @@ def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_m
     return Explained(here.unexplained_mg_min[:samples], here.glucose_mg_dl[:samples], linear.state[:-EXTRA_STATES, 0])
 
 
-def under_doses(patient: ExtendedPatient, p: Values, record: GriddedRecord, explanation: Explained) -> Values:
-    """Glucose ``(samples,)`` after each sample under the doses of a record, with what another one left unexplained.
+def under_doses(patient: ExtendedPatient, p: Values, of: Explained, record: GriddedRecord) -> Values:
+    """Glucose ``(samples,)`` of an explained person under the doses of a record, with the same appearance of glucose.
 
-    Under the doses from which the explanation is, that is its glucose.
+    Under the doses of the record by which the person was explained it is the glucose of `of`.
     """
     days = days_of_record(record, 0.0)
-    samples = record.reading_mg_dl.size
-    unexplained = np.append(explanation.unexplained_mg_min, np.zeros(len(days.reading_mg_dl) - samples))
-    glucose = _under_doses(patient.fixed)(p, patient.numbers, days, explanation.start, unexplained)
-    return np.asarray(glucose, np.float64)[:samples]
+    appearance = np.append(of.unexplained_mg_min, np.zeros(days.reading_mg_dl.size - of.unexplained_mg_min.size))
+    result: Values = np.asarray(_dosed(patient.fixed)(p, patient.numbers, days, of.start, appearance))
+    return result[: record.reading_mg_dl.size]
 
 
 def _response(linear: Linearised, w: Values) -> Values:
@@ -164,6 +163,19 @@ def _linearised(fixed: ProgramKey) -> Any:
 
 
 @functools.lru_cache(maxsize=8)
+def _dosed(fixed: ProgramKey) -> Any:
+    """Program of `ExtendedPatient.under_doses`."""
+
+    @jax.jit
+    def dosed(p: jax.Array, numbers: Numbers, days: Days, start: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
+        patient = ExtendedPatient.traced(fixed, numbers)
+        person = patient.person(p)
+        return patient.under_doses(person, p, start, days, patient.moments(person, days), appearance_mg_min)
+
+    return dosed
+
+
+@functools.lru_cache(maxsize=8)
 def _simulation(fixed: ProgramKey) -> Any:
     """Program of `ExtendedPatient.disturbed`."""
 
@@ -177,16 +189,3 @@ def _simulation(fixed: ProgramKey) -> Any:
         )
 
     return simulated
-
-
-@functools.lru_cache(maxsize=8)
-def _under_doses(fixed: ProgramKey) -> Any:
-    """Program of `ExtendedPatient.under`."""
-
-    @jax.jit
-    def glucose(p: jax.Array, numbers: Numbers, days: Days, start: jax.Array, unexplained_mg_min: jax.Array) -> Any:
-        patient = ExtendedPatient.traced(fixed, numbers)
-        person = patient.person(p)
-        return patient.under(person, p, days, patient.moments(person, days), start, unexplained_mg_min)
-
-    return glucose

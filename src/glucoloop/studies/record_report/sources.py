@@ -11,7 +11,7 @@ import polars as pl
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Readings
 from glucoloop.records import DeviceRecord, FileRefusal, read_people
-from glucoloop.records.reading import are_of_one_person
+from glucoloop.records.reading import files_of_people
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds
 from glucoloop.storage.tables import read_parquet, refusing_damage
@@ -49,15 +49,21 @@ def sources_of(config: RecordRequest) -> list[RecordSource]:
     """Sources in the order of the files, and within a folder in that of the names."""
     results: list[RecordSource] = []
     paths_given = [Path(name) for name in config.files]
-    if len(paths_given) > 1 and all(path.is_file() for path in paths_given) and are_of_one_person(paths_given):
-        return [RecordSource(config.labels[0] if config.labels else "Record 1", "", tuple(paths_given), alone=True)]
+    if len(paths_given) > 1 and all(path.is_file() for path in paths_given):
+        people = files_of_people(paths_given)
+        if len(people) < len(paths_given):
+            own_labels = dict(zip(paths_given, config.labels, strict=False))
+            return [
+                RecordSource(own_labels.get(own[0]) or f"Record {number}", "", own, len(people) == 1)
+                for number, own in enumerate(people, 1)
+            ]
     for place, name in enumerate(config.files):
         path, people = Path(name), list[tuple[Path, ...]]()
         if path.is_dir() and not _is_simulated(path):
             people = _people_of(path)
             files = [paths[0] for paths in people]
-            if len(files) > 1 and all(len(paths) == 1 for paths in people) and are_of_one_person(files):
-                people = [tuple(files)]
+            if len(files) > 1 and all(len(paths) == 1 for paths in people):
+                people = files_of_people(files)
         label = config.labels[place] if config.labels else printable(path.name) if config.file_names else ""
         if not people:
             results.append(RecordSource(label or f"Record {place + 1}", "", (path,), len(config.files) == 1))

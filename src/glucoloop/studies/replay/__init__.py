@@ -9,10 +9,13 @@ from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import ANNOUNCEMENTS, MEALS_ANNOUNCED, Need
 from glucoloop.component.request import Request, requested
+from glucoloop.forecasts.grid import SAMPLE_MIN
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
+from glucoloop.situations.case import Case
+from glucoloop.situations.changes import BolusShift, changes_option, read_change
 from glucoloop.situations.option import Option
 from glucoloop.situations.run import ControlledSituation
 from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
@@ -54,6 +57,23 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
     unannounced: Annotated[
         bool, _replay("Do not tell the controller of the meals of the record.", needs=(ANNOUNCEMENTS,))
     ] = False
+    changes: Annotated[
+        tuple[str, ...], changes_option("Give the recorded doses with a change, which needs no controller", "Replay")
+    ] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for text in self.changes:
+            change = read_change(text)
+            if isinstance(change, BolusShift) and change.earlier_min % SAMPLE_MIN:
+                raise Refusal(f"{text!r}: a replay has samples of {SAMPLE_MIN:g} min; give a multiple of that")
+            if any(case.label == text for case in self.cases):
+                raise Refusal(f"a controller and a change are called {text!r}; give the controller another label")
+
+    @functools.cached_property
+    def cases(self) -> tuple[Case, ...]:
+        """The controllers; none by default where changes are given."""
+        return () if self.changes and not self.controller else super().cases
 
     def uses(self) -> frozenset[Need]:
         """Needs that the replay meets; meals of the record are announced unless that is left out."""
@@ -94,8 +114,8 @@ REPLAY: Final = PlainStudy(
     name="replay",
     what="a replay",
     help=(
-        "Simulate the days of a record again on the person's twin, with doses of a controller in place of those that "
-        "were given.\n\n"
+        "Simulate the days of a record again on the person's twin, with doses of a controller, or with the recorded "
+        "ones under a change, in place of those that were given.\n\n"
         "Meals are those of the record, announced when they were entered. What the record does not explain, such as "
         "meals that nobody entered, stays as an appearance of glucose, with which the twin under the recorded doses "
         "gives the record again; what a therapy changes is the difference from that. Everything is done again for a "
@@ -103,7 +123,8 @@ REPLAY: Final = PlainStudy(
         "people drawn from the posterior. Whether the twin predicted the days held out stands first.\n\n"
         f"{COMPONENTS_HELP}\n\n"
         "  glucoloop replay record.parquet --twin twin --controller profile-mpc --out replay\n\n"
-        "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller profile-mpc"
+        "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller profile-mpc\n\n"
+        "  glucoloop replay record.parquet --twin twin --change 'basal, +10%, 0h-6h' --change 'bolus, 15 min earlier'"
     ),
     module="glucoloop.studies.replay.study",
     request=ReplayRequest,

@@ -31,14 +31,16 @@ from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.situations.case import Case
+from glucoloop.situations.changes import read_change
 from glucoloop.situations.population import person_of
 from glucoloop.situations.situation import Situation
 from glucoloop.storage.results import Results
 from glucoloop.studies.replay import ReplayRequest, twin_values
+from glucoloop.studies.replay.changed_doses import CalculatorNumbers, changed_doses
 from glucoloop.studies.twin.study import record_of
 from glucoloop.text import how_many
 from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.twins import Explained, StoredTwin, change_range, explained, people_of
+from glucoloop.twins import Explained, StoredTwin, change_range, explained, people_of, under_doses
 from glucoloop.twins.twin import record_sentences, rises_without_carbs_pct
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
@@ -91,6 +93,8 @@ class _Replayed:
     arms: tuple[_Arm, ...]
     sensitivities: tuple[float, ...]
     """Factors on the sensitivity of the first people."""
+    notes: tuple[str, ...] = ()
+    """Sentences on the doses that were changed."""
 
 
 def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Results:
@@ -123,7 +127,7 @@ def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Result
         "meals": int(np.count_nonzero(record.carbs_g)),
         "record": on_record,
         "rows": rows,
-        "notes": [*record.notes, *record_sentences(on_record), *_notes(replayed)],
+        "notes": [*record.notes, *record_sentences(on_record), *replayed.notes, *_notes(replayed)],
     }
     first = {"verdict": twin.verdict}
     table = pl.DataFrame([{**first, **row} for row in rows])
@@ -161,11 +165,37 @@ def _replayed(
     t_min = SAMPLE_MIN * np.arange(samples + 1, dtype=np.float64)
     given = np.broadcast_to(MU_PER_U / SAMPLE_MIN * record.insulin_U, (len(possible), samples))
     arms = [_Arm(_RECORDED_DOSES, t_min, np.concatenate([first, glucose], axis=1), given)]
+    notes = list[str]()
+    numbers = _calculator(people, situation.target_mg_dl) if config.changes else None
+    for text in config.changes:
+        assert numbers is not None
+        changed, note = changed_doses(record, read_change(text), numbers)
+        glucose = np.stack([under_doses(*persons[place], fits[place], changed) for place in possible])
+        given = np.broadcast_to(MU_PER_U / SAMPLE_MIN * changed.insulin_U, given.shape)
+        arms.append(_Arm(text, t_min, np.concatenate([first, glucose], axis=1), given))
+        notes.append(f"{text}: {note}")
+        progress(text)
+    if numbers is not None:
+        notes.append(
+            f"A bolus is changed by the difference that a calculator with {numbers.carb_ratio_g_U:.3g} g/U, "
+            f"{numbers.correction_mg_dl_U:.3g} mg/dl/U and a target of {numbers.target_mg_dl:.4g} mg/dl finds, by "
+            f"the profile in {config.twin}/person.toml; later boluses stay as they were recorded."
+        )
     for case in config.cases:
         run = _loop(situation, case, people, record, grid, unexplained)
         arms.append(_Arm(case.label, t_min, run.glucose_mg_dl.T, run.insulin_mU_min.T))
         progress(case.label)
-    return _Replayed(record, tuple(arms), ends)
+    return _Replayed(record, tuple(arms), ends, tuple(notes))
+
+
+def _calculator(people: VirtualPeople, target_mg_dl: float) -> CalculatorNumbers:
+    """Numbers of the bolus calculator of the twin, whose profile all people have."""
+    profile = people.at(np.arange(1)).profile
+    return CalculatorNumbers(
+        carb_ratio_g_U=float(profile.carb_ratio()[0]),
+        correction_mg_dl_U=float(profile.correction_factor()[0]),
+        target_mg_dl=target_mg_dl,
+    )
 
 
 def _loop(

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final, NamedTuple
 
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import CONTROLLER_PANEL, Option
+from glucoloop.situations.case import Case
+from glucoloop.situations.changes import changes_option
+from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.run import Run
 from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
 
 _FEWEST: Final = 2
+
+
+class ChangedCase(NamedTuple):
+    """A case under a change of the therapy."""
+
+    case: Case
+    change: str
+    label: str
 
 
 class Comparison(Run):
@@ -26,14 +36,37 @@ class Comparison(Run):
         ),
     ] = False
 
+    changes: Annotated[
+        tuple[str, ...], changes_option("Add a case beside the therapy as it is, with a change of it", PATIENT_PANEL)
+    ] = ()
+    changes_together: ClassVar = False
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        number = len(self.cases)
+        number = len(self.cases) + len(self.changed_cases)
         if number < _FEWEST:
             raise Refusal(
                 f"a comparison of {number} case is not possible; give --controller for each of {_FEWEST} or more, like "
-                "--controller mpc --controller 'mpc, move_weight=1, label=careful'"
+                "--controller mpc --controller 'mpc, move_weight=1, label=careful', or --change for a change of the "
+                "therapy"
             )
+        labels = {case.label for case in self.cases}
+        taken = next((of.label for of in self.changed_cases if of.label in labels), None)
+        if taken is not None:
+            raise Refusal(f"a controller and a change are called {taken!r}; give the controller another label")
+        for text in self.changes:
+            self.with_changes((text,))  # refuses what is not possible
+
+    @property
+    def changed_cases(self) -> tuple[ChangedCase, ...]:
+        """Each case under each change that has an effect on it."""
+        alone = len(self.cases) == 1
+        return tuple(
+            ChangedCase(case, text, text if alone else f"{case.label}: {text}")
+            for text in self.changes
+            for case in self.cases
+            if not self.without_effect(text, case)
+        )
 
 
 RUN: Final = PlainStudy(
@@ -63,7 +96,9 @@ COMPARE: Final = PlainStudy(
         f"{COMPONENTS_HELP}\n\n"
         "  glucoloop compare --controller pid --controller imc --controller mpc --out comparison\n\n"
         "  glucoloop compare --controller mpc --controller 'mpc, move_weight=1, label=careful' --noise 1.45\n\n"
-        "  glucoloop compare --controller 'mpc, label=bare' --controller 'mpc, label=safe, guard=usual' --bound"
+        "  glucoloop compare --controller 'mpc, label=bare' --controller 'mpc, label=safe, guard=usual' --bound\n\n"
+        "  glucoloop compare --patient hovorka-2004 --controller basal-bolus --announce-meals --change 'carb_ratio, "
+        "-10%'"
     ),
     module="glucoloop.studies.run.study",
     request=Comparison,

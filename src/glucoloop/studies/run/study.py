@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 
 from glucoloop.bounds import OptimalDoses, distance_to_bound
@@ -15,15 +16,19 @@ from glucoloop.bounds.optimal_doses import check_samples
 from glucoloop.models.settings import FileComponent
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import Repeat, comparison_table, interactive_page, metrics_table, plot
+from glucoloop.reporting.columns import Column, terminal_table
 from glucoloop.reporting.descriptions import comparison_facts, run_facts
 from glucoloop.reporting.print_figure import figure_files
 from glucoloop.simulation import Trace
+from glucoloop.situations.changes import read_change
 from glucoloop.situations.run import Run
 from glucoloop.storage import tables as stored
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.studies.closed_loop import Outcome, close_the_loop
 from glucoloop.studies.run import Comparison
+from glucoloop.therapy import TherapyChange
+from glucoloop.units import MIN_PER_DAY
 
 _FILES: Final = {
     "trace.csv": "one row per sample",
@@ -31,6 +36,13 @@ _FILES: Final = {
     "glucose_1min.parquet": "glucose every minute",
 }
 """Files with the data of runs, beside their page."""
+_DIFFERENCES: Final = {
+    "time_70_180_pct": "70-180\n(%)",
+    "time_below_70_pct": "< 70\n(%)",
+    "time_above_180_pct": "> 180\n(%)",
+    "mean_mg_dl": "mean\n(mg/dl)",
+}
+"""Numbers in which a changed therapy is compared with the one as it is, with their headings."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +51,17 @@ class ClosedLoops:
 
     outcomes: Mapping[str, Outcome]
     bound: OptimalDoses | None = None
+    unchanged: Mapping[str, str] = field(default_factory=dict)
+    """Label of the case with the therapy as it is, by that of each case under a change."""
+
+    def differences(self) -> dict[str, dict[str, float | None]]:
+        """Numbers of each case under a change, less those with the therapy as it is."""
+        results: dict[str, dict[str, float | None]] = {}
+        for label, of in self.unchanged.items():
+            numbers: list[dict[str, Any]] = [self.outcomes[at].metrics.as_dict() for at in (label, of)]
+            pairs = {name: [of_case[name] for of_case in numbers] for name in _DIFFERENCES}
+            results[label] = {name: None if None in pair else pair[0] - pair[1] for name, pair in pairs.items()}
+        return results
 
     def distances(self) -> dict[str, Any] | None:
         """Distance of each from the bound, which is one of rates: it does not hold where boluses are given."""
@@ -57,15 +80,31 @@ def notes(config: Run) -> tuple[str, ...]:
         _ = config.case
     elif config.bound:
         check_samples(config.horizon_min, config.sample_time_min)
-    return ()
+    return tuple(_notes_on_changes(config))
+
+
+def _notes_on_changes(config: Run) -> Iterator[str]:
+    """Sentences on changes without effect: outside of the run, or on some of the controllers."""
+    for text in config.changes:
+        change = read_change(text)
+        if isinstance(change, TherapyChange) and config.start_min is not None:
+            samples = np.arange(0.0, config.horizon_min, config.sample_time_min) + config.start_min
+            if not any(map(change.holds, np.unique(samples % MIN_PER_DAY).tolist())):
+                yield f"The change {text!r} has no effect: its hours lie outside of the run."
+        if isinstance(config, Comparison):
+            for case in config.cases:
+                why = config.without_effect(text, case)
+                if why:
+                    yield f"The change {text!r} has no effect on {case.label}, which has no case with it: {why}."
 
 
 def results_of(config: Run, progress: Callable[[str], None]) -> Results:
     """Close the loop of each controller; Refusal for one that is not possible, with its label."""
     outcomes: dict[str, Outcome] = {}
+    as_it_is = config.with_changes(()) if isinstance(config, Comparison) else config
     for case in config.cases:
         try:
-            outcomes[case.label] = close_the_loop(config, case)
+            outcomes[case.label] = close_the_loop(as_it_is, case)
         except Refusal as error:
             if isinstance(config, Comparison):
                 raise error.within(f"case {case.label!r}") from error
@@ -74,8 +113,17 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
     if not isinstance(config, Comparison):
         [outcome] = outcomes.values()
         return results_of_loop(outcome, outcome.report(), outcome.notes)
-    loops = ClosedLoops(outcomes, bound_of_run(config) if config.bound else None)
+    unchanged = {}
+    for of in config.changed_cases:
+        run = dataclasses.replace(as_it_is, changes=(of.change,))
+        outcomes[of.label] = close_the_loop(run, dataclasses.replace(of.case, label=of.label))
+        unchanged[of.label] = of.case.label
+        progress(f"the loop of {of.label}")
+    loops = ClosedLoops(outcomes, bound_of_run(config) if config.bound else None, unchanged)
     plain: dict[str, Any] = {"cases": {label: outcome.report() for label, outcome in outcomes.items()}}
+    if unchanged:
+        differences = loops.differences().items()
+        plain["changes"] = {label: {"of": unchanged[label], "difference": numbers} for label, numbers in differences}
     if loops.bound is not None:
         plain["bound"] = {
             "known_after_min": loops.bound.known_after_min,
@@ -84,7 +132,17 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
             "distances": {label: dataclasses.asdict(distance) for label, distance in (loops.distances() or {}).items()},
         }
     plain["notes"] = [
-        *(f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.notes),
+        *(
+            f"{label}: {text}"
+            for label, outcome in outcomes.items()
+            if label not in unchanged
+            for text in outcome.notes
+        ),
+        *(
+            f"{label}: this change has no effect in this run."
+            for label, of in unchanged.items()
+            if _same(outcomes[label].trace, outcomes[of].trace)
+        ),
         *_notes_on_bound(config, loops),
     ]
     samples, minutes = (
@@ -108,6 +166,12 @@ def _tables(samples: pl.DataFrame, minutes: pl.DataFrame) -> dict[str, pl.DataFr
 
 def _gave_boluses(outcome: Outcome) -> bool:
     return outcome.trace.bolus_mU is not None and bool((outcome.trace.bolus_mU > 0.0).any())
+
+
+def _same(one: Trace, other: Trace) -> bool:
+    """Whether two traces have the same insulin and glucose."""
+    names = ("insulin_mU_min", "bolus_mU", "fine_glucose_mg_dl")
+    return all(np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in names)
 
 
 def _notes_on_bound(config: Comparison, loops: ClosedLoops) -> Iterator[str]:
@@ -135,6 +199,10 @@ def tables(config: Run, results: Results) -> Iterator[object]:
     loops: ClosedLoops = results.extra
     metrics = {label: outcome.metrics for label, outcome in loops.outcomes.items()}
     if isinstance(config, Comparison):
+        if loops.unchanged:
+            lines = [(label, [numbers]) for label, numbers in loops.differences().items()]
+            columns = [Column(name=name, short=short, text="{:+z.1f}".format) for name, short in _DIFFERENCES.items()]
+            yield terminal_table("Change", [("Difference from the therapy as it is", lines)], columns)
         yield comparison_table(metrics, loops.distances(), config.start_min or 0.0)
     else:
         yield metrics_table(next(iter(metrics.values())), config.start_min or 0.0)
@@ -143,6 +211,8 @@ def tables(config: Run, results: Results) -> Iterator[object]:
 def sentences(config: Run, results: Results) -> Iterator[str]:
     """Sentences that a clinician would say first of each loop."""
     if "cases" not in results.plain:
+        if config.changes:
+            yield f"The therapy is changed: {'; '.join(config.changes)}."
         yield from results.plain["summary"]["sentences"]
         return
     for label, case in results.plain["cases"].items():
@@ -157,10 +227,12 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
     if isinstance(config, Comparison):
         command, title = "compare", f"Comparison at {config.place}"
         facts = comparison_facts(config, {label: outcome.computed_settings for label, outcome in outcomes.items()})
+        facts |= {f"Change: {label}": _in_words(numbers) for label, numbers in loops.differences().items()}
     else:
         [(name, outcome)] = outcomes.items()
         command, title = "run" if type(config) is Run else "hil", f"{name} at {config.place}"
         facts = run_facts(config, outcome.case, outcome.computed_settings)
+        facts |= {"Changes of the therapy": "; ".join(config.changes)} if config.changes else {}
     again = _repeat(config, loops, command, {label: name for label, (name, _) in models.items()})
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
@@ -190,11 +262,20 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
     }
 
 
+def _in_words(differences: Mapping[str, float | None]) -> str:
+    """Difference from the therapy as it is, in words."""
+    words = (heading.split("\n")[0] for heading in _DIFFERENCES.values())
+    texts = ("not known" if value is None else f"{value:+z.1f}" for value in differences.values())
+    named = dict(zip(words, texts, strict=True))
+    points = ", ".join(f"{word} mg/dl {text}" for word, text in named.items() if word != "mean")
+    return f"{points} percentage points; mean {named['mean']} mg/dl"
+
+
 def _models(config: Run, loops: ClosedLoops) -> dict[str, tuple[str, str]]:
     """Name and text of the file of each model, by the label of the case."""
     results = {}
     for number, outcome in enumerate(loops.outcomes.values(), start=1):
-        if outcome.model is not None:
+        if outcome.model is not None and outcome.case.label not in loops.unchanged:
             label = outcome.case.label
             short = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-") or "case"
             name = f"model-{number}-{short}.json" if isinstance(config, Comparison) else "model.json"
