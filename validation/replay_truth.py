@@ -287,7 +287,11 @@ def result_of(condition: Condition, seed: int, *, days: int = DAYS, draws: int =
 def _over_people(rows: Sequence[dict[str, Any]], measure: Callable[[Sequence[dict[str, Any]]], float]) -> str:
     """A measure of some people with its interval of 95 % by a bootstrap over them."""
     places = np.random.default_rng(0).integers(0, len(rows), (1000, len(rows)))
-    low, high = np.nanpercentile([measure([rows[place] for place in some]) for some in places], (2.5, 97.5))
+    drawn = np.array([measure([rows[place] for place in some]) for some in places])
+    there = drawn[np.isfinite(drawn)]
+    if not there.size:
+        return "unknown"
+    low, high = np.percentile(there, (2.5, 97.5))
     return f"{measure(rows):.2f} ({low:.2f} to {high:.2f})"
 
 
@@ -296,9 +300,10 @@ def _changes(rows: Sequence[dict[str, Any]], name: str, measure: str) -> Values:
 
 
 def slope(rows: Sequence[dict[str, Any]], measure: str) -> float:
-    """Slope through 0 of predicted on true changes."""
+    """Slope through 0 of predicted on true changes; NaN where nothing changes."""
     true = _changes(rows, "true", measure)
-    return float((_changes(rows, "predicted", measure) * true).sum() / (true**2).sum())
+    square = float((true**2).sum())
+    return float((_changes(rows, "predicted", measure) * true).sum()) / square if square else float("nan")
 
 
 def error(rows: Sequence[dict[str, Any]], measure: str) -> float:

@@ -36,6 +36,8 @@ def test_slope_error_and_coverage_are_those_of_the_changes():
     text = "\n".join(truth.lines(rows))
     assert "slope 0.50 (0.50 to 0.50)" in text
     assert "do not rely: 1 of 2" in text
+    nothing = [row(0, ZEROS, ZEROS, 1.0)]
+    assert "slope unknown" in "\n".join(truth.lines(nothing))
 
 
 def test_the_range_of_changes_reaches_over_both_ends_and_nine_of_ten_people_drawn():
