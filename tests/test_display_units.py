@@ -101,3 +101,8 @@ def test_a_figure_has_round_ticks_in_the_unit_that_is_shown():
     ticks = axes.get_yticks() / MG_DL_PER_MMOL_L
     np.testing.assert_allclose(ticks, np.round(ticks, 3), atol=1e-9)
     assert [label.get_text() for label in axes.get_yticklabels()] == [f"{tick:.6g}" for tick in ticks]
+
+
+def test_a_difference_keeps_its_sign():
+    texts = [other_number(f"{value:+.1f}", value, "mg/dl") for value in (18.0182, -9.0091, 0.0)]
+    assert texts == ["+1.00", "-0.50", "+0.00"]

@@ -77,11 +77,12 @@ def other_number(text: str, value: float | None, unit: str) -> str:
 
     Without the value, that of its text is taken.
     """
-    result = re.fullmatch(r"(-?\d+(?:\.(\d+))?)(\+?)", text)
+    result = re.fullmatch(r"([-+]?\d+(?:\.(\d+))?)(\+?)", text)
     if result is None:
         return text
     other = other_value(float(result[1]) if value is None else value, unit)
-    return f"{other:z.{len(result[2] or '') + 1}f}{result[3]}"
+    sign = "+" if result[1].startswith("+") else ""
+    return f"{other:{sign}z.{len(result[2] or '') + 1}f}{result[3]}"
 
 
 def in_both_units(text: str) -> Iterator[tuple[str, str, str]]:

@@ -109,7 +109,7 @@ def test_tables_hold_the_run(glucoloop, tmp_path):
     table = pl.read_parquet(tmp_path / "run/trace.parquet")
     assert table.columns == [
         "t_min", "glucose_mg_dl", "reading_mg_dl", "insulin_mU_min", "command_mU_min", "reported_mU_min", "status",
-        "carbs_g",
+        "carbs_g", "carbs_on_board_g",
     ]  # fmt: skip
     assert table["t_min"].to_list() == [5.0 * k for k in range(120)]
     assert table.filter(pl.col("carbs_g") > 0).select("t_min", "carbs_g").rows() == [(50.0, 50.0)]
@@ -243,6 +243,7 @@ def test_samples_without_a_finite_dose_are_told():
     assert list(_notes_on_trace(trace, metrics)) == []
 
 
+@pytest.mark.long
 def test_a_run_says_how_its_therapy_is_changed_and_repeats_it(glucoloop, tmp_path):
     person = ("--patient", "hovorka-2004", "--controller", "basal-bolus", "--start", "06:00", "--duration", 60)
     changes = ("--change", "basal, +20%, 6h-6:30", "--change", "target, 120")

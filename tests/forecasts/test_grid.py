@@ -76,6 +76,7 @@ def test_a_bolus_is_of_whom_the_file_says():
     told = DeviceRecord(frame=told.frame.with_columns(bolus_type=kinds.then(pl.lit("automatic"))), rows=told.rows)
     grid = gridded_record(told)
     assert (grid.user_bolus_U.sum(), grid.automatic_bolus_U.sum()) == (3.0, 1.0)
+    assert grid.automated
 
 
 def test_a_bolus_over_a_time_is_given_over_it():

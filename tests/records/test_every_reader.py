@@ -1,5 +1,7 @@
 """Every reader of the catalogue on damaged files: a record whose rows are used or named, or a sentence."""
 
+import contextlib
+
 import hypothesis.strategies as st
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -42,6 +44,13 @@ HUGE = (
 def test_each_reader_has_a_file():
     of_each = {reader_of(content_of(text.encode()), Answers()).name for text in FILES.values()}
     assert of_each == set(READERS.names())
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_names_of_columns_in_another_case(tmp_path, name):
+    (tmp_path / "upper").write_text(FILES[name].upper() if "{" not in FILES[name] else FILES[name])
+    with contextlib.suppress(gl.Refusal):
+        assert gl.read_record(tmp_path / "upper").frame.height
 
 
 def cut(data, draw):

@@ -113,6 +113,36 @@ def test_times_as_numbers_of_days_of_a_spreadsheet(read, sign):
     assert "Its times are numbers of days, as of a spreadsheet." in record.notes
 
 
+def test_a_clock_as_a_part_of_a_day(read):
+    rows = [
+        f"13.03.2024;{(time.hour * 60 + time.minute) / 1440:.6f};{glucose(n)}" for n, time in enumerate(every(5, 40))
+    ]
+    record = read("\n".join(["Tag;Uhr;BZ", *rows]), columns="date=Tag,time=Uhr,glucose_mg_dl=BZ")
+    assert reading_times(record) == every(5, 40)
+
+
+def test_a_midnight_without_its_clock_among_other_times(read):
+    times = every(15, 100, START.replace(minute=0))
+    rows = [f"{str(time).removesuffix(' 00:00:00')},{glucose(n)}" for n, time in enumerate(times)]
+    record = read("\n".join(["time,glucose_mg_dl", *rows]))
+    assert reading_times(record) == times
+    assert "2 times without a clock among others with one: read as midnight" in " ".join(record.notes)
+
+
+def test_carbohydrate_in_exchanges_by_the_name_of_its_column(read, refused):
+    text = "time,bg,KE (10 g)\n2024-03-13 01:00,100,3.5\n"
+    columns = "time=time,glucose_mg_dl=bg,carbs_g=KE (10 g)"
+    assert refused(text, columns=columns).startswith("the column 'KE (10 g)' is taken as g, and its name has 'KE'")
+    assert read(text, columns=columns, file_units="carbs=10g").frame["carbs_g"].to_list() == [35.0]
+
+
+def test_two_files_that_disagree_at_the_same_times_are_told(read):
+    rows = [[f"{time:%Y-%m-%d %H:%M},{100 + n + apart}" for n, time in enumerate(every(5, 40))] for apart in (0, 50)]
+    record = read(*("\n".join(["time,glucose_mg_dl", *one]) for one in rows))
+    assert record.left_out == {"readings of a second sensor while the first one reads": 40}
+    assert "disagree, by 50 mg/dl in the median" in " ".join(record.notes)
+
+
 def test_times_in_an_unknown_form_are_shown_without_their_digits(refused):
     text = "time,glucose_mg_dl\nWed Mar 13 07:08:09 2024,100\n"
     assert refused(text) == (

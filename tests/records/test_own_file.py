@@ -58,7 +58,7 @@ def read_or_refused(data):
         return None
     assert 0 < record.rows_used <= record.rows
     assert all(note.isprintable() for note in (*record.notes, *record.left_out))
-    assert record.frame["time"].dt.year().is_between(1970, 2200).all()
+    assert record.frame["time"].dt.year().is_between(1000, 9999).all()
     assert record.frame["glucose_mg_dl"].drop_nulls().is_between(20, 800).all()
     assert set(record.frame["out_of_range"].drop_nulls()) <= {"low", "high"}
     return record

@@ -235,6 +235,7 @@ def test_tidepool(read):
         (minutes(30), {"type": "basal", "deliveryType": "suspend", "duration": 1800000}),
         (minutes(4), {"type": "smbg", "units": "mmol/L", "value": 6.1}),
         (minutes(5), {"type": "upload", "deviceSerialNumber": SERIAL}),
+        (minutes(5), {"type": "bolus", "normal": 9.0, "deletedTime": "2024-04-01T00:00:00Z"}),
         (
             minutes(6),
             {
@@ -255,7 +256,7 @@ def test_tidepool(read):
     assert str(values(record, "basal_U_h")) == str([(minutes(0), 0.8), (minutes(30), 0.0), (minutes(60), float("nan"))])
     assert record.frame.filter(pl.col("out_of_range") == "low")["glucose_mg_dl"].to_list() == [39.0]
     assert set(record.frame["utc_offset_min"]) == {-420}
-    assert record.left_out == {"finger pricks": 1, "entries about uploads": 1}
+    assert record.left_out == {"finger pricks": 1, "entries about uploads": 1, "entries that were deleted": 1}
 
 
 def test_ohio(read):

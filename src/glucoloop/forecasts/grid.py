@@ -58,8 +58,8 @@ class GriddedRecord:
 
     @property
     def automated(self) -> bool:
-        """Whether automation doses: for over 40 % of the time the basal rate is not the median at that time of day."""
-        return self.basal_off_schedule_pct > _MAX_OFF_SCHEDULE_PCT
+        """Whether automation doses: by its boluses, or over 40 % of the time off the median rate of the time of day."""
+        return self.basal_off_schedule_pct > _MAX_OFF_SCHEDULE_PCT or bool(self.automatic_bolus_U.any())
 
     @property
     def days(self) -> int:

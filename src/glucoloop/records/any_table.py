@@ -39,7 +39,10 @@ _DAYS: Final = r"^-?\d{1,5}$"
 """Days since the beginning of a study, by which it hides the dates."""
 _DAY_0: Final = dt.date(2000, 1, 1)
 _SERIAL_0: Final = dt.datetime(1899, 12, 30)
+_FRACTION: Final = r"^0?([.,]\d+)?$"
+"""Part of a day, as a spreadsheet has a clock."""
 _MILLIUNITS: Final = re.compile(r"(?<![A-Za-z])m(I?U|IE|UI)(?![a-z])(\s*/\s*\w+)?")
+_EXCHANGES: Final = re.compile(r"\b(1[0-9] ?g|BE|KE|KHE|[Ee]xchanges?|[Pp]ortions?|[Ss]ervings?|Broteinheit(en)?)\b")
 _PER_MINUTE: Final = re.compile(r"(?i)(?<![a-z])(i?u|ie|ui)\s*(/|per)\s*(\d+\s*)?min")
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
@@ -114,7 +117,13 @@ class AnyTable(ReaderComponent, name="table"):
 
 
 def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
-    """Refuse a column of insulin whose own name has another unit than the record, and no answer says which."""
+    """Refuse a column of amounts whose own name has another unit than the record, and no answer says which."""
+    exchanges = _EXCHANGES.search(columns.get("carbs_g", ""))
+    if exchanges is not None and "carbs" not in answers.file_units:
+        raise Refusal(
+            f"the column {columns['carbs_g']!r} is taken as g, and its name has {exchanges[0]!r}",
+            "say its unit, as file_units='carbs=10g' (--file-units), which is 1g where it has grams",
+        )
     units = {"bolus_U": ("bolus", "U"), "long_acting_U": ("long_acting", "U"), "basal_U_h": ("basal", "U/h")}
     for target, (name, unit) in units.items():
         text = columns.get(target, "")
@@ -141,6 +150,9 @@ def table_times(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, li
     if "date" in frame.columns:
         day = pl.col("date").str.replace(r"[T ]+0?0:00(:00)?(\.0+)?$", "")
         since = pl.col("time").str.replace(r"^(\d{4}-\d{2}-\d{2}[T ]|0 days? )", "")
+        if len(epoch) and epoch.str.contains(_FRACTION).all():
+            seconds = (pl.col("time").str.replace(",", ".").cast(pl.Float64) * MIN_PER_DAY * S_PER_MIN).round()
+            since = (pl.lit(_SERIAL_0) + pl.duration(seconds=seconds.cast(pl.Int64))).dt.to_string("%H:%M:%S")
         return _readable(frame.select(pl.concat_str(day, since, separator=" ")).to_series(), answers)
     if len(epoch) and epoch.str.contains(_SERIAL).all():
         serial = pl.col("time").str.replace(",", ".", literal=True).cast(pl.Float64)

@@ -254,7 +254,9 @@ class CellTable:
         return None
 
     def texts(self, name: str | None) -> pl.Expr:
-        """Cells of a column without blanks around them; null for an empty cell, and for a column that is not there."""
+        """Cells of a column by its name in any case, without blanks around them; null for one that is not there."""
+        if name is not None and name not in self.frame.columns:
+            name = next((own for own in self.frame.columns if own.casefold() == name.casefold()), None)
         if name is None:
             return pl.lit(None, pl.String)
         cell = pl.col(name).str.strip_chars(' \u00a0"')

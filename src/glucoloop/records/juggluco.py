@@ -37,6 +37,7 @@ class Juggluco(TableReaderComponent, name="juggluco"):
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of an export of readings or of amounts."""
         header, table = self.table(content)
+        labels = table.frame.select(table.texts("Label")).to_series()
         seconds = table.texts("UnixTime").cast(pl.Float64, strict=False)
         hours = table.texts("TZ").cast(pl.Float64, strict=False)
         times = table.frame.select(
@@ -44,7 +45,7 @@ class Juggluco(TableReaderComponent, name="juggluco"):
             offset=pl.when(hours.abs() <= _LARGEST_OFFSET_H).then((hours * MIN_PER_H).round()),
         )
         if header == _AMOUNTS:
-            columns, unit = _amounts(table.frame["Label"], table.texts("Value")), None
+            columns, unit = _amounts(labels, table.texts("Value")), None
             kind = "amounts whose label is none of carbohydrate or insulin"
         else:
             name = table.column(*UNITS)
@@ -52,7 +53,9 @@ class Juggluco(TableReaderComponent, name="juggluco"):
             history = table.column("Rate") is None
             columns = {
                 "glucose": table.texts(name),
-                "source": pl.concat_str(pl.col("Sensorid"), pl.lit("history" if history else "stream"), separator="|"),
+                "source": pl.concat_str(
+                    table.texts("Sensorid"), pl.lit("history" if history else "stream"), separator="|"
+                ),
             }
             kind = "rows without a reading"
         return Extract(
@@ -70,8 +73,7 @@ def _amounts(labels: pl.Series, value: pl.Expr) -> dict[str, pl.Expr]:
     slow = [label for label, text in words.items() if is_long_acting(text) or any(word in text for word in _SLOW)]
     fast = [label for label, text in words.items() if label not in slow and any(word in text for word in _FAST)]
     carbs = [label for label, text in words.items() if text.startswith(_CARBS)]
-    label = pl.col("Label")
     return {
-        name: pl.when(label.is_in(known)).then(value)
+        name: pl.when(pl.lit(labels).is_in(known)).then(value)
         for name, known in (("carbs", carbs), ("bolus", fast), ("long_acting", slow))
     }

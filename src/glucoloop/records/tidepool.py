@@ -32,6 +32,7 @@ _KINDS: Final = {
     "upload": "entries about uploads",
     "pumpSettings": "settings of pumps",
     "deviceEvent": "events of devices",
+    "deleted": "entries that were deleted",
 }
 _MS_PER_MIN: Final = 1000.0 * S_PER_MIN
 
@@ -68,6 +69,7 @@ class Tidepool(TableReaderComponent, name="tidepool"):
             items, spoilt, told = _items_of(table), table.spoilt, table.notes
         else:
             items = [item if isinstance(item, dict) else {} for item in content.objects()]
+        items = [{**item, "type": "deleted"} if item.get("deletedTime") else item for item in items]
         times, notes = _times(items, answers)
         source = pl.DataFrame(
             {

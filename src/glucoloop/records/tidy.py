@@ -11,7 +11,7 @@ from glucoloop.records.account import Account
 from glucoloop.records.amounts import COLUMNS, with_numbers
 from glucoloop.records.answers import Answers
 from glucoloop.records.clock import on_one_clock
-from glucoloop.records.doubles import each_dose_once
+from glucoloop.records.doubles import each_dose_once, source_of
 from glucoloop.records.extract import VALUES, Extract
 from glucoloop.records.record import SCHEMA, DeviceRecord
 from glucoloop.records.streams import one_sensor, with_instants
@@ -107,7 +107,7 @@ def _without_repeats(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
     alike = ["time", "utc_offset_min", "second_pass", *COLUMNS.values(), *about]
     frame = account.without(frame, ~pl.struct(alike).is_first_distinct(), REPEATED)
     read = pl.col("glucose_mg_dl").is_not_null()
-    at = pl.struct("time", "utc_offset_min", "second_pass", "device", "source", "kind", read)
+    at = pl.struct("time", "utc_offset_min", "second_pass", "device", source_of().alias("source"), "kind", read)
     second = frame.select(read & ~at.is_first_distinct()).to_series()
     return account.without_value(frame, second, "glucose_mg_dl", SAME_TIME)
 

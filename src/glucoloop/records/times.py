@@ -9,6 +9,7 @@ import polars as pl
 
 from glucoloop.records.answers import DAY_FIRST, MONTH_FIRST, Answers
 from glucoloop.refusal import Refusal
+from glucoloop.text import how_many
 
 TIME: Final = pl.Datetime("us")
 _PATTERN: Final = (
@@ -16,6 +17,7 @@ _PATTERN: Final = (
     r"[t ,]+(?<h>\d{1,2}):(?<m>\d{2})(?::(?<s>\d{2})(?:[.,](?<f>\d{1,9}))?)?"
     r"\s*(?<half>[ap])?\.?m?\.?\s*(?<zone>z|(?:utc|gmt)?[-+]\d{1,2}(?::?\d{2})?|utc|gmt)?\s*$"
 )
+_DATE: Final = r"^\s*(\d{4}[-./]\d{1,2}[-./]\d{1,2}|\d{1,2}[-./]\d{1,2}[-./]\d{4})\s*$"
 _WRITTEN: Final = ("%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S", "%Y/%m/%d %H:%M:%S")
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _OTHERWISE: Final = (
@@ -48,12 +50,18 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
         sound = whole.drop_nulls().dt.year().is_between(*YEARS).all()
         if sound and whole.null_count() == texts.null_count():  # as most files have them, and many times faster
             return whole.to_frame("time").with_columns(in_utc=pl.lit(False), utc_offset_min=pl.lit(None, pl.Int32)), []
+    texts, midnights = _with_midnights(texts)
     parts = _parts(texts)
     dated = parts.filter(pl.col("a").is_not_null())
     if 2 * dated.filter("year_first").height > dated.height:
         # Among years of four digits one of fewer is damage, not a day.
         parts = parts.with_columns(a=pl.when("year_first").then("a"), year_first=pl.lit(True))
     order, notes = _order(parts, texts, answers.dates, usual)
+    if midnights:
+        notes.append(
+            f"{how_many(midnights, 'time')} without a clock among others with one: read as midnight, as programs that "
+            "write tables leave it out."
+        )
     day_first = pl.col("year_first") | pl.col("named") | (order == DAY_FIRST)
     short = pl.when(pl.col("c") < 100).then(2000).otherwise(0)
     parts = parts.with_columns(
@@ -113,6 +121,15 @@ def _parts(texts: pl.Series) -> pl.DataFrame:
         .then(-minutes)
         .otherwise(minutes),
     )
+
+
+def _with_midnights(texts: pl.Series) -> tuple[pl.Series, int]:
+    """Texts in which a date alone has the clock of midnight, where most others have one; and how many these are."""
+    bare = texts.str.contains(_DATE).fill_null(False)
+    count = int(bare.sum())
+    if not count or 2 * texts.str.contains(_PATTERN).sum() <= texts.len() - texts.null_count():
+        return texts, 0
+    return pl.select(pl.when(pl.lit(bare)).then(pl.lit(texts) + " 00:00").otherwise(pl.lit(texts))).to_series(), count
 
 
 def _fields(texts: pl.Series) -> pl.DataFrame:

@@ -5,6 +5,7 @@ from .forecast import TwinForecast as TwinForecast
 from .prior import Prior as Prior
 from .prior import prior_of as prior_of
 from .stored import StoredTwin as StoredTwin
+from .stored import change_range as change_range
 from .stored import people_of as people_of
 from .twin import Twin as Twin
 from .twin import find_twin as find_twin

@@ -21,6 +21,7 @@ from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 PERCENTILES: Final = (5, 25, 50, 75, 95)
 STEP_MIN: Final = 15
+_SHARES: Final = np.asarray(PERCENTILES) / 100.0
 PARTS_OF_DAY: Final = {"0 to 6 h": (0, 6), "6 to 12 h": (6, 12), "12 to 18 h": (12, 18), "18 to 24 h": (18, 24)}
 
 
@@ -51,15 +52,15 @@ def day_profile(*records: Readings) -> DayProfile:
     weights = _weights(records)
     weights = None if weights is None else weights[order]
     result, counts = [], []
-    for i in range(bins + 1):
-        both = (parts[i - 1], parts[i % bins])
+    for i in range(bins):
+        both = (parts[i - 1], parts[i])
         near = np.concatenate([glucose[part] for part in both])
         counts.append(float(near.size))
         near_weights = None if weights is None else np.concatenate([weights[part] for part in both])
         result.append(percentiles(near, near_weights))
-    columns = np.asarray(result).T
+    columns = np.asarray([*result, result[0]]).T
     t_min = STEP_MIN * np.arange(bins + 1, dtype=float)
-    return DayProfile(t_min, dict(zip(PERCENTILES, columns, strict=True)), np.asarray(counts))
+    return DayProfile(t_min, dict(zip(PERCENTILES, columns, strict=True)), np.asarray([*counts, counts[0]]))
 
 
 def _weights(records: Sequence[Readings]) -> Floats | None:
@@ -83,11 +84,21 @@ def percentiles(values: Floats, weights: Floats | None) -> Floats:
     if not values.size:
         return np.full(len(PERCENTILES), np.nan)
     if weights is None or np.all(weights == weights[0]):
-        return np.asarray(np.percentile(values, PERCENTILES))
+        return _of_equal_weights(np.sort(values))
     order = np.argsort(values, kind="stable")
     middles = np.cumsum(weights[order]) - 0.5 * weights[order]
     at = (middles - middles[0]) / (middles[-1] - middles[0])
-    return np.interp(np.asarray(PERCENTILES) / 100.0, at, values[order])
+    return np.interp(_SHARES, at, values[order])
+
+
+def _of_equal_weights(ordered: Floats) -> Floats:
+    """`PERCENTILES` of values in their order, to the bit as `numpy.percentile` has them in four times the time."""
+    at = _SHARES * (ordered.size - 1)
+    low = at.astype(np.int64)
+    beyond = at - low
+    below, above = ordered[low], ordered[np.minimum(low + 1, ordered.size - 1)]
+    step = above - below
+    return np.where(beyond < 0.5, below + step * beyond, above - step * (1.0 - beyond))
 
 
 def _of_part(readings: Readings | None) -> Mapping[str, float]:

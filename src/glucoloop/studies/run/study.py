@@ -201,7 +201,7 @@ def tables(config: Run, results: Results) -> Iterator[object]:
     if isinstance(config, Comparison):
         if loops.unchanged:
             lines = [(label, [numbers]) for label, numbers in loops.differences().items()]
-            columns = [Column(name=name, short=short, text="{:+.1f}".format) for name, short in _DIFFERENCES.items()]
+            columns = [Column(name=name, short=short, text="{:+z.1f}".format) for name, short in _DIFFERENCES.items()]
             yield terminal_table("Change", [("Difference from the therapy as it is", lines)], columns)
         yield comparison_table(metrics, loops.distances(), config.start_min or 0.0)
     else:
@@ -265,7 +265,7 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
 def _in_words(differences: Mapping[str, float | None]) -> str:
     """Difference from the therapy as it is, in words."""
     words = (heading.split("\n")[0] for heading in _DIFFERENCES.values())
-    texts = ("not known" if value is None else f"{value:+.1f}" for value in differences.values())
+    texts = ("not known" if value is None else f"{value:+z.1f}" for value in differences.values())
     named = dict(zip(words, texts, strict=True))
     points = ", ".join(f"{word} mg/dl {text}" for word, text in named.items() if word != "mean")
     return f"{points} percentage points; mean {named['mean']} mg/dl"
