@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop.reporting import plot
-from glucoloop.reporting.print_figure import _figure_bytes, figure_files
+from glucoloop.reporting.figure_files import _figure_bytes, figure_files
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 

@@ -1,4 +1,4 @@
-"""Figures as files for print: fonts are embedded as TrueType, and the same figure gives the same bytes."""
+"""Figures for print, with fonts that are embedded as TrueType."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, ScalarFormat
 
 from glucoloop.display_units import OTHERS, heading_shown, in_shown_units, other_value, showing, units_shown
 
-KINDS: Final = ("png", "svg", "pdf")
-"""File formats in which a command writes each figure."""
-
 # Journals refuse PDF and PostScript with Type 3 fonts, matplotlib's default. In SVG letters are outlines, so that they
 # look the same where the font is missing; names of clipping paths would be random without a salt.
 _FOR_PRINT: Final[dict[Any, Any]] = {
@@ -25,7 +22,6 @@ _FOR_PRINT: Final[dict[Any, Any]] = {
     "svg.hashsalt": "glucoloop",
 }
 _NOTEBOOK_DPI: Final = 150
-_UNDATED: Final[dict[str, dict[str, None]]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
 class _PrintFigure(Figure):
@@ -102,24 +98,3 @@ def _show_units(figure: Figure) -> None:
         words = text.get_text()
         if words != in_shown_units(words):
             text.set_text(in_shown_units(words))
-
-
-def _figure_bytes(figure: Figure, kind: str) -> bytes:
-    """File of a figure in one of `KINDS`, without a date."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, metadata=_UNDATED.get(kind))
-    return buffer.getvalue()
-
-
-def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
-    """A figure as PNG, SVG and PDF, by the names of the files; the same for the same run, and laid out once for all."""
-    layout = figure.get_layout_engine()
-    figure.draw_without_rendering()
-    with matplotlib.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
-        figure.set_layout_engine(
-            None
-        )  # positions stay where they are; even an engine that does nothing draws once more
-    try:
-        return {f"{name}.{kind}": _figure_bytes(figure, kind) for kind in KINDS}
-    finally:
-        figure.set_layout_engine(layout)

@@ -1,4 +1,4 @@
-"""Check of what JAX keeps in the folder of compiled programs, which is executable code, before it is used..
+"""Check of what JAX keeps in the folder of compiled programs, which is executable code, before it is used.
 
 JAX reads and writes entries, and runs any entry that it finds. `glucoloop._disk_cache` makes the folder private and
 keeps it small. Here a list holds the digest of each of JAX's entries, written when the process that compiled it ends;

@@ -19,7 +19,7 @@ from glucoloop.reporting.descriptions import (
     person_in_words,
     trial_facts,
 )
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
 from glucoloop.studies.trial import TrialRequest
