@@ -90,7 +90,9 @@ def tests(env: Environment, which: str, workers: int) -> None:
     """The tests that a mark chooses."""
     if not any((ROOT / "tests").rglob("test_*.py")):
         stop("pytest found no tests.", 5)
-    check(env, f"pytest -m '{which}'", [env.program("pytest"), "-n", str(workers), "--dist", "worksteal", "-m", which])
+    slow = ("--durations", "40", "--durations-min", "5")  # which of them take how many seconds is said at the end
+    command = [env.program("pytest"), "-n", str(workers), "--dist", "worksteal", *slow, "-m", which]
+    check(env, f"pytest -m '{which}'", command)
 
 
 def quick_checks(env: Environment) -> None:

@@ -93,7 +93,7 @@ class _Program:
             # not hashed, which is slow.
             kinds = [(a.shape, a.dtype, a.weak_type) if type(a) is ArrayImpl else _shape(a) for a in leaves]
             programs = self._programs.setdefault((tuple(static), structure, config.trace_context()), [])
-        except (NoNameError, TypeError):  # a static argument without a hash among them, which JAX refuses itself
+        except (NoNameError, TypeError, ValueError):  # what has no hash, or cannot be compared: JAX refuses or takes it
             return None
         for of_program, program in programs:
             if of_program == kinds:

@@ -49,6 +49,7 @@ def test_too_many_elements_of_xml_are_refused(monkeypatch, refused):
     assert refused(FILES["ohio"]).endswith("elements of XML, and at most 10 can be read; divide it")
 
 
+@pytest.mark.long
 def test_two_rows_far_apart_and_a_profile_of_many_steps_are_refused(refused, read):
     steps = ",".join(f'{{"time": "{m // 60:02}:{m % 60:02}", "value": {m % 7}}}' for m in range(1440))
     profile = f'[{{"defaultProfile": "x", "store": {{"x": {{"basal": [{steps}]}}}}}}]'

@@ -24,9 +24,14 @@ runs, and the documentation, may share it.
 def set_flags(folder):
     """Have XLA compile quickly in this process and in those that it starts, unless XLA_FLAGS names a file.
 
+    Those have one thread for linear algebra and for tables, as the other processors have tests of their own: small
+    matrices take a hundredfold of processor time where threads wait for each other.
+
     The flags are kept in a file of the folder, which XLA reads when it first computes: commands warn of flags in the
     environment.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("POLARS_MAX_THREADS", "1")
     given = os.environ.get("XLA_FLAGS", "")
     if not given or given.startswith("-"):
         Path(folder).mkdir(parents=True, exist_ok=True)
