@@ -29,9 +29,16 @@ trace = gl.simulate(patient, controller)
 metrics = gl.summarise(trace)
 gl.plot(trace).savefig("loop.png")
 """
+GYMNASIUM = """
+import gymnasium
+import glucoloop.gym
+env = gymnasium.make(glucoloop.gym.ENVIRONMENT)
+env.reset(seed=0)
+"""
 GLUCOLOOP = ["-m", "glucoloop"]
 LINES = {
     "README's lines": ["-c", PYTHON],
+    "Gymnasium": ["-c", GYMNASIUM],
     "run --json": [*GLUCOLOOP, "run", "--json"],
     "compare of three": [
         *GLUCOLOOP,
