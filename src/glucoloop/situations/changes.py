@@ -165,8 +165,8 @@ def _with_shift(situation: S, earlier_min: float) -> S:
     before_min = situation.announce_before_min + earlier_min
     if before_min > LONGEST_AHEAD_MIN:
         raise Refusal(
-            f"meals would be announced {before_min:g} min before eating, of which {situation.announce_before_min:g} "
-            f"min are of --announce-before; give at most {LONGEST_AHEAD_MIN:g} min in all"
+            f"meals would be announced {before_min:g} min before eating, {situation.announce_before_min:g} min of them "
+            f"without the change; give at most {LONGEST_AHEAD_MIN:g} min in all"
         )
     late = () if before_min >= 0.0 else (AnnouncedLate(minutes=-before_min),)
     return dataclasses.replace(situation, announce_before_min=max(before_min, 0.0), habits=(*situation.habits, *late))
