@@ -33,12 +33,13 @@ def blocks(page, *languages):
 
 
 def commands(page):
-    """Lines of blocks and spans of text that are calls of the program; a backslash joins a line to the next."""
+    """Calls of the program: lines of blocks, which a backslash joins, spans of text, and strings in R."""
     text = page.read_text(encoding="utf-8")
     joined = [re.sub(r"\\\n\s*", "", block) for block in blocks(page, "", "text")]
     lines = [line.strip() for block in joined for line in block.splitlines()]
     spans = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", FENCE.sub("", text))
-    found = [line for line in [*lines, *spans] if COMMAND.match(line)]
+    of_r = [quoted for block in blocks(page, "r") for quoted in re.findall(r'"(glucoloop [^"]+)"', block)]
+    found = [line for line in [*lines, *spans, *of_r] if COMMAND.match(line)]
     return [line.replace("python3 dev run", "glucoloop run").removeprefix(".venv/bin/") for line in found]
 
 
@@ -104,7 +105,7 @@ def test_commands_stand_in_blocks_that_are_read_here():
     for page in PAGES:
         blocks_of_page = FENCE.findall(page.read_text(encoding="utf-8"))
         with naming(page):
-            assert {of for of, text in blocks_of_page if "glucoloop " in text} <= {"", "text", "python", "toml"}
+            assert {of for of, text in blocks_of_page if "glucoloop " in text} <= {"", "text", "python", "r", "toml"}
 
 
 def test_who_types_all_commands_of_a_page_names_no_folder_twice():
