@@ -6,7 +6,7 @@
 and ``api``.
 """
 
-import importlib
+import importlib.util
 import inspect
 import pkgutil
 import re
@@ -397,7 +397,8 @@ def heading(text: str, line: str) -> list[str]:
 
 
 def module(name: str) -> list[str]:
-    members = [] if hasattr(importlib.import_module(name), "__path__") else ["   :members:"]
+    spec = importlib.util.find_spec(name)  # which imports no library that a module may need
+    members = ["   :members:"] if spec is None or spec.submodule_search_locations is None else []
     return [f".. automodule:: {name}", *members, ""]
 
 
