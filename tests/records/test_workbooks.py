@@ -38,6 +38,10 @@ def test_shanghai(read):
 
 def test_diasend(read):
     record = read(workbook(diasend(20)))
+    assert any(
+        note.endswith("1 bolus is given over a time, in part or as a whole; bolus_min has that time.")
+        for note in record.notes
+    )
     sensor = record.frame.filter(pl.col("glucose_mg_dl").is_not_null())
     assert sensor["time"].to_list() == every(5, 20)
     assert sensor["glucose_mg_dl"].to_list() == pytest.approx([glucose(n) for n in range(20)], rel=2e-3)

@@ -13,7 +13,7 @@ from typing import ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
-from glucoloop.records.extract import Extract, extract_frame, number_in, with_doses
+from glucoloop.records.extract import Extract, extract_frame, notes_on_spread, number_in, with_doses
 from glucoloop.records.file_text import FileText
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
@@ -67,10 +67,7 @@ class Diasend(TableReaderComponent, name="diasend"):
         ]
         rows = pl.Series([row for row, _, _ in extended], dtype=pl.Int64)
         spread = pl.int_range(pl.len(), dtype=pl.Int64).is_in(rows.implode())
-        if extended:
-            notes.append(
-                f"{len(extended)} boluses are given over a time, in part or as a whole; bolus_min has that time."
-            )
+        notes += notes_on_spread(len(extended))
         result = extract_frame(
             frame.with_columns(bolus=pl.when(spread).then("immediate").otherwise("bolus")),
             times,

@@ -10,6 +10,7 @@ from typing import Any, Final
 import polars as pl
 
 from glucoloop.records.record import AUTOMATIC, MANUAL
+from glucoloop.text import how_many
 
 VALUES: Final = ("glucose", "carbs", "bolus", "long_acting", "basal")
 _LARGEST: Final = 1e30
@@ -107,6 +108,12 @@ def number_in(value: object) -> float | None:
         except ValueError:
             return None
     return finite(value)
+
+
+def notes_on_spread(count: int) -> list[str]:
+    """Sentence on boluses that are given over a time; none where there are none."""
+    given = how_many(count, "bolus is", "boluses are")
+    return [f"{given} given over a time, in part or as a whole; bolus_min has that time."] if count else []
 
 
 def with_doses(frame: pl.DataFrame, doses: list[tuple[int, float, float]]) -> pl.DataFrame:

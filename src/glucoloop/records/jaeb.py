@@ -21,7 +21,7 @@ import polars as pl
 
 from glucoloop.records.answers import MONTH_FIRST, Answers
 from glucoloop.records.any_table import table_times
-from glucoloop.records.extract import Extract, extract_frame, with_doses
+from glucoloop.records.extract import Extract, extract_frame, notes_on_spread, with_doses
 from glucoloop.records.file_text import FileText
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import from_utc, times_of
@@ -126,8 +126,7 @@ class Jaeb(TableReaderComponent, name="jaeb"):
             pl.col("_row").cast(pl.Int64), pl.col("extended").cast(pl.Float64, strict=False), "_minutes"
         )
         doses = list(spread.filter(pl.col("extended") > 0, pl.col("_minutes") > 0).iter_rows())
-        if doses:
-            notes.append(f"{len(doses)} boluses are given over a time, in part or as a whole; bolus_min has that time.")
+        notes += notes_on_spread(len(doses))
         return Extract(frame=with_doses(result, doses), glucose_unit="mg/dl", notes=(*table.notes, *notes))
 
 

@@ -24,7 +24,7 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import device_kinds
-from glucoloop.records.extract import Extract, cells, extract_frame, number_in, with_basal, with_doses
+from glucoloop.records.extract import Extract, cells, extract_frame, notes_on_spread, number_in, with_basal, with_doses
 from glucoloop.records.file_text import FileText, json_of
 from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.nightscout_profile import SWITCH, fixed_zone, profiles_of, usual_rates, zones_of
@@ -127,8 +127,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
             if count:
                 notes.append(f"{count} readings of {number} stand for {mark}.")
         spread = sum(dose.extended is not None for dose in doses)
-        if spread:
-            notes.append(f"{spread} boluses are given over a time, in part or as a whole; bolus_min has that time.")
+        notes += notes_on_spread(spread)
         instants = times["time"].to_list()
         usual = _usual_events(items, instants, times, answers, notes)
         rates = basal_rates([*usual, *_basal_events(items, instants)])

@@ -14,7 +14,7 @@ import polars as pl
 from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import DAY_FIRST, Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.extract import Extract, cells, extract_frame, with_basal
+from glucoloop.records.extract import Extract, cells, extract_frame, notes_on_spread, with_basal
 from glucoloop.records.file_text import FileText, xml_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
@@ -68,8 +68,7 @@ class OhioT1DM(ReaderComponent, name="ohio-t1dm"):
             kind=pl.col("tag").replace_strict(_KINDS, default="events of other kinds", return_dtype=pl.String),
         )
         spread = int(result["bolus_min"].is_not_null().sum())
-        if spread:
-            notes.append(f"{spread} boluses are given over a time; bolus_min has that time.")
+        notes += notes_on_spread(spread)
         counted = sum(
             _number(about.get("bwz_carb_input")) not in (None, 0.0) for tag, about in events if tag == "bolus"
         )

@@ -15,7 +15,7 @@ from typing import ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
-from glucoloop.records.extract import Extract, bolus_types, extract_frame, number_in, with_doses
+from glucoloop.records.extract import Extract, bolus_types, extract_frame, notes_on_spread, number_in, with_doses
 from glucoloop.records.file_text import FileText, table_of
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
@@ -68,10 +68,7 @@ class Tandem(TableReaderComponent, name="tandem"):
             for row, (dose, span) in enumerate(frame.select("extended", "minutes").iter_rows())
             if (later := number_in(dose)) and (minutes := number_in(span))
         ]
-        if extended:
-            notes.append(
-                f"{len(extended)} boluses are given over a time, in part or as a whole; bolus_min has that time."
-            )
+        notes += notes_on_spread(len(extended))
         at_once = [_at_once(*doses) for doses in frame.select("bolus", "extended", "requested").iter_rows()]
         if not frame["basal"].is_not_null().any():
             notes.append("The file has no basal rates.")

@@ -15,7 +15,16 @@ import polars as pl
 from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import device_kinds
-from glucoloop.records.extract import Extract, cells, extract_frame, finite, number_in, with_basal, with_doses
+from glucoloop.records.extract import (
+    Extract,
+    cells,
+    extract_frame,
+    finite,
+    notes_on_spread,
+    number_in,
+    with_basal,
+    with_doses,
+)
 from glucoloop.records.file_text import CellTable, FileText, json_of
 from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.reader import TableReaderComponent
@@ -110,10 +119,7 @@ class Tidepool(TableReaderComponent, name="tidepool"):
             count = result.filter(pl.col("out_of_range") == mark).height
             if count:
                 notes.append(f"{count} readings are marked as {mark}er than the sensor can read.")
-        if extended:
-            notes.append(
-                f"{len(extended)} boluses are given over a time, in part or as a whole; bolus_min has that time."
-            )
+        notes += notes_on_spread(len(extended))
         events = _basal_events(items, times["time"].to_list())
         zones = dict.fromkeys(
             str(item["timezone"]) for item in items if item.get("type") == "upload" and item.get("timezone")
