@@ -13,8 +13,8 @@ Then the recorded basal rate, and all recorded boluses, are 20 % less and 20 % m
 true change is that of the same person with the same meals and the same sensitivity; the predicted one is that of
 `glucoloop replay --change`, with its range.
 
-The constants of `twins.replayed` were chosen on people of `uva-padova-2008` and `wilinska-2010` with seeds 101 to 108,
-none on `mcgill-2020`.
+The constants of `twins.replayed` were chosen on the first four conditions, with seeds 101 to 108; on people of
+`hovorka-2004`, whose twins are of `wilinska-2010`, nothing was.
 
 For each condition the table has, with intervals of 95 % by a bootstrap over people: the slope of predicted on true
 changes (through 0; 1 is right), the mean absolute error of the changes, the share of true changes within the range, the
@@ -109,8 +109,8 @@ CONDITIONS: Final = (
     Condition("uva-padova-2008", "hovorka-2004", "loop-like", 1.0),
     Condition("wilinska-2010", "hovorka-2004", "basal-bolus", 0.6),
     Condition("wilinska-2010", "hovorka-2004", "loop-like", 0.6),
-    Condition("mcgill-2020", "hovorka-2004", "basal-bolus", 1.0),
-    Condition("mcgill-2020", "hovorka-2004", "loop-like", 1.0),
+    Condition("hovorka-2004", "wilinska-2010", "basal-bolus", 0.6),
+    Condition("hovorka-2004", "wilinska-2010", "loop-like", 0.6),
 )
 
 
@@ -275,14 +275,14 @@ class Predicted(NamedTuple):
 def predicted(twin: StoredTwin, record: GriddedRecord, draws: int, seed: int) -> Predicted:
     """What a replay of the record says."""
     people = explained_people(list(replay_people(twin, draws, seed)), record, twin.mean_mg_dl)
-    ends, doses = sum(of.end is not None for of in people), [changed_doses(record, *change) for change in CHANGES]
+    drawn, doses = [of.drawn for of in people], [changed_doses(record, *change) for change in CHANGES]
     changes, falls = [], []
-    for patient, p, _, of in people:
+    for patient, p, _, _, of in people:
         after = [under_doses(patient, p, of, changed) for changed in doses]
         changes.append(numbers(np.stack(after)) - numbers(of.glucose_mg_dl))
         falls.append(patient.fall_mg_dl_U(p, working_mg_dl(twin.mean_mg_dl), returned=True))
-    low, high = change_range(np.array(falls), ends)
-    range_of_changes = np.stack(change_range(np.stack(changes), ends))
+    low, high = change_range(np.array(falls), drawn)
+    range_of_changes = np.stack(change_range(np.stack(changes), drawn))
     return Predicted(changes[0], range_of_changes, (falls[0], float(low), float(high)))
 
 

@@ -51,8 +51,10 @@ def test_slope_error_and_coverage_are_those_of_the_changes():
 
 def test_the_range_of_changes_reaches_over_both_ends_and_nine_of_ten_people_drawn():
     drawn = np.linspace(0.0, 10.0, 11)
-    assert change_range(np.concatenate([[1.0, 2.0, 12.0], drawn]), 2) == pytest.approx((0.5, 12.0))
-    assert change_range(np.array([2.0, 1.0, 3.0]), 2) == (1.0, 3.0)
+    assert change_range(np.concatenate([[1.0, 2.0, 12.0], drawn]), [False] * 3 + [True] * 11) == pytest.approx(
+        (0.5, 12.0)
+    )
+    assert change_range(np.array([2.0, 1.0, 3.0]), [False] * 3) == (1.0, 3.0)
 
 
 def test_who_is_there_is_not_computed_again():
@@ -84,5 +86,5 @@ def test_a_twin_of_the_persons_own_family_says_what_other_doses_do():
         (under_doses(of.patient, of.p, of.explained, more) - of.explained.glucose_mg_dl)[counted].mean()
         for of in people
     ]
-    low, high = change_range(np.array(changes), 2)
+    low, high = change_range(np.array(changes), [of.drawn for of in people])
     assert low < true[counted].mean() < high < 0.0

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,7 @@ _SENSITIVITY: Final = 0.7
 _SENSITIVITY_LOG_SD: Final = 0.6
 _RETURN_MIN: Final = 120.0
 _RETURN_LOG_SD: Final = 0.6
+_NEVER_MIN: Final = 1e5
 _RANGE_PCT: Final = (5.0, 95.0)
 
 
@@ -49,8 +50,9 @@ class ReplayPerson(NamedTuple):
 
     patient: ExtendedPatient
     p: Values
-    end: float | None
-    """Factor on the sensitivity of the first person; None for that person and those who are drawn."""
+    end: float | None = None
+    """Factor on the sensitivity of the first person; None for others than the ends."""
+    drawn: bool = False
 
 
 class ExplainedPerson(NamedTuple):
@@ -59,26 +61,29 @@ class ExplainedPerson(NamedTuple):
     patient: ExtendedPatient
     p: Values
     end: float | None
+    drawn: bool
     explained: Explained
 
 
 def replay_people(twin: StoredTwin, draws: int, seed: int) -> Iterator[ReplayPerson]:
-    """The twin of a replay, both ends of its sensitivity where its patient declares one, and people drawn."""
+    """The twin of a replay, both ends of its sensitivity where its patient declares one, the twin as found, drawn ones.
+
+    The last but the drawn has all of the twin's sensitivity, and nothing returns its glucose.
+    """
     scores = _normal_scores(np.random.default_rng(seed), draws, twin.p.size + 2)
 
-    def person(p: Values, factor: float, time_factor: float, end: float | None = None) -> ReplayPerson:
+    def person(p: Values, factor: float, time_factor: float, *kind: Any) -> ReplayPerson:
         return_min = time_factor * math.sqrt(_RETURN_MIN * float(twin.patient.noises(p)["return_min"]))
-        return ReplayPerson(
-            twin.patient.with_sensitivity(_SENSITIVITY * factor), twin.patient.with_return(p, return_min), end
-        )
+        patient = twin.patient.with_sensitivity(_SENSITIVITY * factor)
+        return ReplayPerson(patient, patient.with_return(p, return_min), *kind)
 
     yield person(twin.p, 1.0, 1.0)
     for end in SENSITIVITIES if twin.patient.sensitive.any() else ():
         yield person(twin.p, end, 1.0, end)
+    yield ReplayPerson(twin.patient, twin.patient.with_return(twin.p, _NEVER_MIN))
     for row in scores:
-        yield person(
-            twin.p + twin.factor @ row[:-2], np.exp(_SENSITIVITY_LOG_SD * row[-2]), np.exp(_RETURN_LOG_SD * row[-1])
-        )
+        factors = np.exp(row[-2:] * (_SENSITIVITY_LOG_SD, _RETURN_LOG_SD))
+        yield person(twin.p + twin.factor @ row[:-2], *map(float, factors), None, True)
 
 
 def explained_people(
@@ -103,10 +108,11 @@ def explained_people(
     return result
 
 
-def change_range(values: Values, ends: int) -> tuple[Values, Values]:
-    """Lowest and highest of values ``(people, ...)`` of the twin and so many ends, and of nine of ten people drawn."""
-    first, drawn = values[: 1 + ends], values[1 + ends :]
-    low, high = np.percentile(drawn, _RANGE_PCT, axis=0) if len(drawn) else (values[0], values[0])
+def change_range(values: Values, drawn: Sequence[bool]) -> tuple[Values, Values]:
+    """Lowest and highest of values ``(people, ...)``: of all who are not drawn, and of nine of ten who are."""
+    is_drawn = np.asarray(drawn, bool)
+    first, drawn_values = values[~is_drawn], values[is_drawn]
+    low, high = np.percentile(drawn_values, _RANGE_PCT, axis=0) if is_drawn.any() else (values[0], values[0])
     return np.minimum(low, first.min(axis=0)), np.maximum(high, first.max(axis=0))
 
 

@@ -100,7 +100,9 @@ class _Replayed:
     record: GriddedRecord
     arms: tuple[_Arm, ...]
     sensitivities: tuple[float, ...]
-    """Factors on the sensitivity of the first people."""
+    """Factors on the sensitivity of the people after the twin."""
+    drawn: tuple[bool, ...]
+    """Which people are drawn."""
     notes: tuple[str, ...] = ()
     """Sentences on the doses that were changed."""
 
@@ -115,11 +117,10 @@ def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Result
     if abs(config.sample_time_min - SAMPLE_MIN) > 1e-9:
         raise Refusal(f"a replay has samples of {SAMPLE_MIN:g} min, as its twin; leave --sample-time out")
     replayed = _replayed(config, twin, record, progress)
-    ends = replayed.sensitivities
-    rows = [_row(_RECORD, {name: value[:1] for name, value in _record(record).numbers().items()}, None, ())]
+    rows = [_row(_RECORD, {name: value[:1] for name, value in _record(record).numbers().items()}, None, replayed)]
     recorded = replayed.arms[0].numbers()
     rows += [
-        _row(arm.name, arm.numbers(), None if arm is replayed.arms[0] else recorded, ends) for arm in replayed.arms
+        _row(arm.name, arm.numbers(), None if arm is replayed.arms[0] else recorded, replayed) for arm in replayed.arms
     ]
     on_record = {
         "automatic_insulin_pct": record.automatic_insulin_pct,
@@ -130,7 +131,7 @@ def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Result
         "predicts": twin.predicts,
         "config": config.tree(whole=True),
         "people": len(replayed.arms[0].glucose_mg_dl),
-        "sensitivities": list(ends),
+        "sensitivities": list(replayed.sensitivities),
         "days": record.days,
         "meals": int(np.count_nonzero(record.carbs_g)),
         "record": on_record,
@@ -151,7 +152,7 @@ def _replayed(
     everybody = list(replay_people(twin, config.draws, config.seed))
     number = how_many(len(everybody), "person", "people")
     persons = explained_people(everybody, record, twin.mean_mg_dl, lambda at: progress(f"{at} of {number} explained"))
-    values = [{name: float(of[0]) for name, of in patient.values(p).items()} for patient, p, _, _ in persons]
+    values = [{name: float(of[0]) for name, of in patient.values(p).items()} for patient, p, *_ in persons]
     profile = person_of(f"{config.twin}/{_PERSON}", twin.patient.prior.patient, 0).table
     drawn = people_of(
         twin.patient.prior.patient, values, {} if profile is None else profile.profile_of(profile.names[0])
@@ -197,7 +198,7 @@ def _replayed(
         arms.append(_Arm(case.label, t_min, run.glucose_mg_dl.T, run.insulin_mU_min.T))
         progress(case.label)
     ends = tuple(person.end for person in persons if person.end is not None)
-    return _Replayed(record, tuple(arms), ends, tuple(notes))
+    return _Replayed(record, tuple(arms), ends, tuple(person.drawn for person in persons), tuple(notes))
 
 
 def _calculator(people: VirtualPeople, target_mg_dl: float) -> CalculatorNumbers:
@@ -272,7 +273,7 @@ def _record(record: GriddedRecord) -> _Arm:
 
 
 def _row(
-    name: str, numbers: Mapping[str, Values], recorded: Mapping[str, Values] | None, ends: tuple[float, ...]
+    name: str, numbers: Mapping[str, Values], recorded: Mapping[str, Values] | None, replayed: _Replayed
 ) -> dict[str, Any]:
     """Numbers of an arm: of the twin, at both ends of the sensitivity, and the range of all people; and changes."""
     row: dict[str, Any] = {"therapy": name}
@@ -281,8 +282,8 @@ def _row(
             row[f"{what}{key}"] = None if of is None else float(of[0])
             if of is None or of.size == 1:
                 continue
-            row[f"{what}{key}_low"], row[f"{what}{key}_high"] = map(float, change_range(of, len(ends)))
-            for place, factor in enumerate(ends):
+            row[f"{what}{key}_low"], row[f"{what}{key}_high"] = map(float, change_range(of, replayed.drawn))
+            for place, factor in enumerate(replayed.sensitivities):
                 row[f"{what}{key}_at_{factor:g}"] = float(of[1 + place])
     return row
 
@@ -321,8 +322,8 @@ def _notes(replayed: _Replayed) -> Iterator[str]:
         )
     else:
         yield (
-            "The patient does not declare which of its parameters are its sensitivity to insulin, so that only people "
-            "of the posterior show how far the record leaves it open."
+            "The patient does not declare which of its parameters are its sensitivity to insulin, so that the ranges "
+            "are over no ends of it."
         )
 
 
@@ -384,9 +385,9 @@ def sentences(config: ReplayRequest, results: Results) -> Iterator[str]:
             )
     over = [f"{factor:g}" for factor in plain["sensitivities"]]
     yield (
-        f"The ranges are over {' and '.join(over) + ' of the sensitivity, and ' if over else ''}nine of ten people of "
-        "the posterior. They do not cover that another therapy changes how a person eats and lives, nor what the "
-        "patient model lacks."
+        f"The ranges are over {' and '.join(over) + ' of the sensitivity, ' if over else ''}the twin as it was found, "
+        "whose glucose nothing returns to its mean, and nine of ten people drawn. They do not cover that another "
+        "therapy changes how a person eats and lives."
     )
     yield (
         "In simulated people of other patient models, whose true changes are known, replays had the right direction, "
@@ -407,7 +408,7 @@ def files_of(config: ReplayRequest, results: Results) -> dict[str, bytes]:
             "Twin": config.patient.display_name,
             "Record": f"{results.plain['days']} days with {results.plain['meals']} meals",
             "Meals": "not announced" if config.unannounced else "announced when they were entered",
-            "People": f"the twin, both ends of its sensitivity, and {config.draws} drawn from its posterior",
+            "People": f"the twin, both ends of its sensitivity, the twin as found, and {config.draws} drawn",
         },
         script=True,
         plot=days_plot(days, "range of all people"),
