@@ -8,7 +8,8 @@ that was found and one that is assumed. Each person drawn has another factor on 
     sensitivity = .7 exp(.6 z_1),    time constant = sqrt(120 min * that of the draw) exp(.6 z_2)
 
 The four numbers were chosen on simulated people of two other families, whose true changes are known
-(``validation/replay_truth.py``, seeds 101 to 108). The scores `z` are stratified (Latin hypercube), so that few people
+(``validation/replay_truth.py``, seeds 101 to 108). People of another family answered more, so that the twin as it was
+found, with all of its sensitivity and no return, is there too. The scores `z` are stratified (Latin hypercube), so that few people
 reach as far as many.
 
 References
