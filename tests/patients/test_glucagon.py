@@ -104,7 +104,6 @@ def test_the_loop_gives_what_the_pump_says(subcutaneous):
     assert frame["glucagon_ug"].to_list() == pytest.approx(given.tolist())
 
 
-@pytest.mark.parametrize("name", ["parker-1999", "wilinska-2010-glucagon"])
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["parker-1999", "wilinska-2010-glucagon"])
 def test_the_explicit_integrator_is_the_adaptive_one(name):
