@@ -99,7 +99,7 @@ class _MealMPCState:
 
 
 class _Planned(NamedTuple):
-    """What a sample shows, and the plan."""
+    """Estimate at a sample, and the plan."""
 
     state: _MealMPCState
     """State after the sample."""

@@ -50,7 +50,7 @@ class _MPCSEState:
 
 
 class _Observed(NamedTuple):
-    """What a sample shows, and glucose ahead as deviations from the model's."""
+    """Estimate at a sample, and glucose ahead as deviations from that of the model."""
 
     known: jax.Array
     delivered_mU_min: jax.Array

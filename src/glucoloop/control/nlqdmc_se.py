@@ -59,7 +59,7 @@ class _NLQDMCState:
 
 
 class _Planned(NamedTuple):
-    """What a sample shows, and the plan."""
+    """Estimate at a sample, and the plan."""
 
     known: jax.Array
     delivered_mU_min: jax.Array

@@ -105,7 +105,7 @@ class _Oref0State:
 
 
 class _Heard(NamedTuple):
-    """What a sample shows: the state before the dose, and the arguments of the original."""
+    """State at a sample before the dose, and the arguments of the original."""
 
     state: _Oref0State
     glucose: GlucoseStatus
