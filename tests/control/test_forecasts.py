@@ -28,7 +28,7 @@ PREDICT = ("mpc", "mpc-se", "nlqdmc-se", "profile-mpc", "therapy-mpc", "meal-mpc
 def glucose_by_convolution(start_mg_dl, rates):
     """Glucose ``(len(rates),)`` at the samples of a plant by its impulse response, at steady state before."""
     deviations = np.asarray(rates) - rates[0]
-    return start_mg_dl + np.array([IMPULSE[: k][::-1] @ deviations[max(0, k - 36) : k] for k in range(len(rates))])
+    return start_mg_dl + np.array([IMPULSE[:k][::-1] @ deviations[max(0, k - 36) : k] for k in range(len(rates))])
 
 
 @pytest.mark.parametrize("settings", [{}, {"constraints": "qp"}, {"glucose_floor_mg_dl": 78.0}])
