@@ -19,7 +19,7 @@ from glucoloop.component.pytree_component import HOST, derived, wired
 from glucoloop.component.setting import About
 from glucoloop.control.around import ControllerAround
 from glucoloop.control.decision import is_known
-from glucoloop.control.protocol import Decision, Observation, gives_boluses
+from glucoloop.control.protocol import Decision, DoseForecast, Observation, forecast_of, gives_boluses
 from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.unit_guess import GLUCOSE_BOUND
 from glucoloop.units import MU_PER_U
@@ -83,6 +83,10 @@ class ActionComponent(ControllerAround):
         decision = dataclasses.replace(decision, bolus_mU=bolus)
         t_min = jnp.minimum(state.t_min + self.sample_time_min, _LONG_MIN)
         return _ActionState(inner=inner, t_min=t_min, given_mU=given), decision
+
+    def forecast(self, state: _ActionState, observation: Observation) -> DoseForecast | None:
+        """Forecast of the inner controller, which knows of no bolus to come by hand."""
+        return forecast_of(self.inner, state.inner, self._for_inner(state.t_min, state.given_mU, observation))
 
     def _for_inner(self, t_min: jax.Array, given_mU: jax.Array, observation: Observation) -> Observation:
         """Observation of the inner controller; one without boluses is told of those by hand as of a rate."""

@@ -29,7 +29,7 @@ from glucoloop.component.pytree_component import HOST, derived, wired
 from glucoloop.component.setting import About
 from glucoloop.control.around import ControllerAround
 from glucoloop.control.decision import announced_carbs, is_known
-from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.protocol import Decision, DoseForecast, Observation, forecast_of
 from glucoloop.unit_guess import GLUCOSE_BOUND
 
 _LONG_MIN: Final = 1e5
@@ -81,6 +81,10 @@ class GlucagonComponent(ControllerAround):
         insulin = jnp.where(gives, 0.0, decision.insulin_mU_min)
         decision = dataclasses.replace(decision, insulin_mU_min=insulin, bolus_mU=bolus, glucagon_ug=glucagon)
         return _GlucagonState(inner=inner, memory=memory), decision
+
+    def forecast(self, state: _GlucagonState, observation: Observation) -> DoseForecast | None:
+        """Forecast of the inner controller, which knows of no glucagon."""
+        return forecast_of(self.inner, state.inner, observation)
 
     def remember(self, observation: Observation) -> Any:
         """Memory before the first sample."""

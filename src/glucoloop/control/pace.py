@@ -14,10 +14,12 @@ from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import (
     Controller,
     Decision,
+    DoseForecast,
     Observation,
     Status,
     computed_settings,
     draws,
+    forecast_of,
     gives_boluses,
     gives_glucagon,
     uses_of,
@@ -122,8 +124,7 @@ class Paced:
 
     def step(self, state: _PacedState, observation: Observation) -> tuple[_PacedState, Decision]:
         """Let the inner controller act where it is due, or hold its rate and give no bolus."""
-        gathered = state.gathered + 1.0
-        due = ~(gathered < self.samples)  # also where the number was lost
+        gathered, due = self._due(state)
         in_min = self._first_eaten_in(state, observation)
         seen = self._since(state, observation, gathered, in_min)
         inner, decision = self.inner.step(state.inner, seen)
@@ -154,6 +155,18 @@ class Paced:
             bolus_mU=acted(decision.bolus_mU, no_bolus),
             glucagon_ug=acted(decision.glucagon_ug, no_glucagon),
         )
+
+    def forecast(self, state: _PacedState, observation: Observation) -> DoseForecast | None:
+        """Forecast of the inner controller where it acts, and NaN between."""
+        gathered, due = self._due(state)
+        seen = self._since(state, observation, gathered, self._first_eaten_in(state, observation))
+        forecast = forecast_of(self.inner, state.inner, seen)
+        return jax.tree.map(lambda numbers: jnp.where(due, numbers, jnp.nan), forecast)  # type: ignore[no-any-return]
+
+    def _due(self, state: _PacedState) -> tuple[jax.Array, jax.Array]:
+        """Number of observations since the inner controller acted, and whether it acts at this one."""
+        gathered = state.gathered + 1.0
+        return gathered, ~(gathered < self.samples)  # also where the number was lost
 
     def _first_eaten_in(self, state: _PacedState, observation: Observation) -> jax.Array | None:
         """Time until the first meal is eaten of those announced since the inner controller acted, or infinity."""
