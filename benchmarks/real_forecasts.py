@@ -10,6 +10,7 @@ bootstraps over people. Nothing is written.
 """
 
 import argparse
+import itertools
 import os
 import re
 import sys
@@ -111,18 +112,19 @@ def print_group(title, people):
             texts.append(f"{np.median(covered):.0f} ({min(covered):.0f}-{max(covered):.0f})")
         after = [row["corrections"] for row in rows if "corrections" in row]
         print(f"{text:34}" + "".join(f"{one:>19}" for one in texts) + (f"  {np.median(after):.0f}" if after else ""))
-    whole = [person for person in people if "kalman" in person]
-    for other, horizon in COMPARED:
+    for own, (other, horizon) in itertools.product(("kalman", "twin"), COMPARED):
         pairs = [
-            (person["kalman"]["rmse", True, horizon], person[other]["rmse", True, horizon])
-            for person in whole
-            if other in person
+            (person[own]["rmse", True, horizon], person[other]["rmse", True, horizon])
+            for person in people
+            if own in person and other in person
         ]
-        difference = np.array([rival - own for own, rival in pairs])
+        if not pairs:
+            continue
+        difference = np.array([by_other - by_own for by_own, by_other in pairs])
         draws = np.random.default_rng(0).integers(0, difference.size, (2000, difference.size))
         low, high = np.percentile(difference[draws].mean(axis=1), (2.5, 97.5))
         print(
-            f"kalman better than {other} at {horizon}: {int((difference > 0).sum())} of {difference.size}, "
+            f"{own} better than {other} at {horizon}: {int((difference > 0).sum())} of {difference.size}, "
             f"by {difference.mean():.1f} mg/dl ({low:.1f} to {high:.1f})"
         )
 
