@@ -54,6 +54,11 @@ def people_of(folder):
         yield "T1D-UOM", who, sorted(folder.rglob(f"UoM*{who}.csv"))
 
 
+def uses_pen(files):
+    """Whether a person injects long-acting insulin."""
+    return bool(gl.read_record(*files).frame["long_acting_U"].is_not_null().any())
+
+
 def after_corrections(record, first_day):
     """Samples at or after a bolus that have a reading, with no carbohydrate from 1 h before to 4 h after it."""
     bolus = record.user_bolus_U + record.automatic_bolus_U > 0.0
@@ -139,7 +144,7 @@ def main():
     if not places or not all(place.exists() for place in places):
         print("No archive or folder of the data sets is given; see the head of this file for where to get them.")
         return 0
-    results = {"AZT1D": [], "T1D-UOM": []}
+    results = {"AZT1D": [], "T1D-UOM": [], "pens": []}
     with tempfile.TemporaryDirectory() as unpacked:
         for place in places:
             for archive in [place] if place.is_file() else sorted(place.glob("*.zip")):
@@ -152,17 +157,20 @@ def main():
                     if not record.carbs_g.any() or not record.insulin_U.any():
                         raise Refusal("its last 28 days have no carbohydrate or no insulin")
                     results[of].append({text: measured(record, text) for text in EVERY})
+                    if of == "T1D-UOM" and uses_pen(files):
+                        results["pens"].append(results[of][-1])
                 except Refusal as error:
                     print(f"{of} {name} is left out: {error.problem}")
                     continue
-                day = results[of][-1]["kalman"]["rmse", True, DAY]
-                print(f"{of} {name}: day {day:.1f}, mean {results[of][-1]['mean']['rmse', True, DAY]:.1f}", flush=True)
+                day = {text: results[of][-1][text]["rmse", True, DAY] for text in ("kalman", "twin", "mean")}
+                print(f"{of} {name}: day", ", ".join(f"{text} {rmse:.1f}" for text, rmse in day.items()), flush=True)
     azt1d = results["AZT1D"]
     groups = {
         "AZT1D, all": azt1d,
         "AZT1D, on whom settings were chosen": azt1d[:CHOSEN_ON],
         "AZT1D, the others": azt1d[CHOSEN_ON:],
         "T1D-UOM": results["T1D-UOM"],
+        "T1D-UOM, pens": results["pens"],
     }
     for title, people in groups.items():
         if people:

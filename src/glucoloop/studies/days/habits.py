@@ -94,14 +94,19 @@ class Occasion(NamedTuple):
     """Meals of one time of day."""
 
     time_min: float
-    """Mean time of day."""
+    """Mean time of the day at which they begin."""
     time_sd_min: float
     carbs_g: float
-    """Mean size."""
+    """Mean size of them."""
     size_sd_pct: float
-    per_day: float
-    """Mean number of these meals on a day."""
+    shares: tuple[float, ...]
+    """Share of the days with at least one of these meals, with at least two, and so on."""
     meals: int
+
+    @property
+    def per_day(self) -> float:
+        """Mean number of these meals on a day."""
+        return sum(self.shares)
 
 
 class Gaps(NamedTuple):
@@ -109,12 +114,12 @@ class Gaps(NamedTuple):
 
     per_day: float
     duration_min: float
-    """Mean duration."""
+    """Mean duration of a gap."""
     longer: int
     """Number of gaps of over a day, which are left out."""
 
 
-class Weekend(NamedTuple):
+class WeekendDifference(NamedTuple):
     """Difference of Saturday and Sunday."""
 
     size_pct: float
@@ -152,10 +157,10 @@ class Habits:
     """Share of the entered meals before which glucose rises already."""
     late_min: float
     """Mean time from eating to the entry of these meals."""
-    weekend: Weekend | None
-    """None where no difference can be told."""
+    weekend: WeekendDifference | None
+    """Difference of weekends; None where none can be told."""
     weekends_differ_by: str
-    """What is known of weekends, in words."""
+    """Clause on what is known of weekends."""
     gaps: Gaps | None
     rises: int
     rises_not_entered: int
@@ -310,7 +315,7 @@ def rises_of(record: GriddedRecord) -> list[Rise]:
 
 
 def _of_rises(rises: Sequence[Rise], raise_mg_dl_g: float) -> _Eaten:
-    """What was eaten for rises."""
+    """Meals that rises tell of."""
     onset = np.array([rise.onset for rise in rises], np.int64)
     over = SAMPLE_MIN * np.array([rise.peak - rise.onset for rise in rises]) + _ONSET_MIN
     absorbed = 1.0 - (1.0 + over / _GUT_MIN) * np.exp(-over / _GUT_MIN)
@@ -334,11 +339,17 @@ def _occasions(eaten: _Eaten, days: float) -> tuple[Occasion, ...]:
                 time_sd_min=float(since[group].std()),
                 carbs_g=float(sizes.mean()),
                 size_sd_pct=float(100.0 * sizes.std() / sizes.mean()),
-                per_day=group.size / days,
+                shares=_shares(eaten.day[group], days),
                 meals=int(group.size),
             )
         )
     return tuple(sorted(result))
+
+
+def _shares(day: Places, days: float) -> tuple[float, ...]:
+    """Share of the days with at least one meal, with at least two, and so on, of the days of meals."""
+    _, counts = np.unique(day, return_counts=True)
+    return tuple(min(1.0, int((counts > number).sum()) / days) for number in range(int(counts.max())))
 
 
 def _quietest_min(time_min: Values) -> float:
@@ -382,7 +393,7 @@ def _on_weekends(record: GriddedRecord, eaten: _Eaten) -> npt.NDArray[np.bool_]:
     return result
 
 
-def _weekend(record: GriddedRecord, eaten: _Eaten) -> tuple[Weekend | None, str]:
+def _weekend(record: GriddedRecord, eaten: _Eaten) -> tuple[WeekendDifference | None, str]:
     """Difference of weekends where both size and time, each within its occasion, do not show it by chance."""
     there = _on_weekends(record, eaten)
     weekends = np.unique(eaten.day[there]).size
@@ -401,11 +412,11 @@ def _weekend(record: GriddedRecord, eaten: _Eaten) -> tuple[Weekend | None, str]
         differences.append(float(values[there].mean() - values[~there].mean()) if clear else 0.0)
     if not any(differences):
         return None, f"{how_many(weekends, 'day')} of weekends do not differ from the others more than by chance"
-    weekend = Weekend(100.0 * math.exp(differences[0]), differences[1])
+    weekend = WeekendDifference(100.0 * math.exp(differences[0]), differences[1])
     return weekend, f"by {how_many(weekends, 'day')} of weekends"
 
 
-def _as_on_weekdays(record: GriddedRecord, eaten: _Eaten, weekend: Weekend) -> _Eaten:
+def _as_on_weekdays(record: GriddedRecord, eaten: _Eaten, weekend: WeekendDifference) -> _Eaten:
     there = _on_weekends(record, eaten)
     return dataclasses.replace(
         eaten,

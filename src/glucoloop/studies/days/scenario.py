@@ -18,6 +18,8 @@ from glucoloop.units import MIN_PER_H
 
 _ALWAYS: Final = 0.97
 """Share of the days from which on a meal counts as eaten on each."""
+_SELDOM: Final = 0.02
+"""Share of the days up to which another meal of the same occasion is left out."""
 _SD_TO_HALF_WIDTH: Final = math.sqrt(3.0)
 """Half of the width of a uniform distribution over its standard deviation."""
 _MOST_SPREAD_PCT, _MOST_SPREAD_MIN, _MOST_SD_MIN, _MOST_SD_PCT = 95.0, 360.0, 180.0, 200.0
@@ -29,7 +31,7 @@ def scenario_text(habits: Habits, record: GriddedRecord) -> str:
     meals, skipped, varied = list[str](), list[str](), list[str]()
     for occasion, probability in _meals(habits.entered):
         text = f"{habits.eaten_over_entered * occasion.carbs_g:.3g}g@{occasion.time_min / MIN_PER_H:.2f}h"
-        meals.append(f'    "{text}",  # {how_many(occasion.meals, "meal")}, on {_share(probability)} of the days')
+        meals.append(f'    "{text}",  # on {_share(probability)} of the days')
         number = len(meals)
         sd_pct, sd_min = min(occasion.size_sd_pct, _MOST_SD_PCT), min(occasion.time_sd_min, _MOST_SD_MIN)
         varied.append(f"varied, meal={number}, size_sd={sd_pct:.0f}, time_sd={sd_min:.0f}")
@@ -62,11 +64,11 @@ def scenario_text(habits: Habits, record: GriddedRecord) -> str:
 
 
 def _meals(occasions: tuple[Occasion, ...]) -> Iterator[tuple[Occasion, float]]:
-    """Each occasion with the probability of its meal; one of more than a meal a day several times."""
+    """Each occasion with the probability of its meal, and of a second one and more where there are some."""
     for occasion in occasions:
-        number = max(1, math.ceil(occasion.per_day - 1e-9))
-        for _ in range(number):
-            yield occasion, occasion.per_day / number
+        for share in occasion.shares:
+            if share >= _SELDOM:
+                yield occasion, share
 
 
 def _snack(occasion: Occasion, probability: float) -> str:

@@ -34,7 +34,7 @@ from glucoloop.situations.scenarios import SCENARIOS
 from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.storage.results import Results
 from glucoloop.studies.days import SCENARIO, TRIAL, DaysRequest
-from glucoloop.studies.days.habits import Gaps, Habits, Weekend, habits_of, rises_of
+from glucoloop.studies.days.habits import Gaps, Habits, Occasion, WeekendDifference, habits_of, rises_of
 from glucoloop.studies.days.scenario import scenario_text
 from glucoloop.studies.twin.study import record_of
 from glucoloop.text import how_many
@@ -142,9 +142,15 @@ def results_of(config: DaysRequest, progress: Callable[[str], None]) -> Results:
 
 
 def _plain(habits: Habits) -> dict[str, Any]:
-    named = {name: value._asdict() for name, value in vars(habits).items() if isinstance(value, Weekend | Gaps)}
-    occasions = {name: [one._asdict() for one in getattr(habits, name)] for name in ("entered", "not_entered")}
+    named = {
+        name: value._asdict() for name, value in vars(habits).items() if isinstance(value, WeekendDifference | Gaps)
+    }
+    occasions = {name: [_occasion(one) for one in getattr(habits, name)] for name in ("entered", "not_entered")}
     return {**vars(habits), **named, **occasions}
+
+
+def _occasion(occasion: Occasion) -> dict[str, Any]:
+    return {**occasion._asdict(), "per_day": occasion.per_day}
 
 
 def _percentile(values: Values, percentage: float) -> float:
