@@ -19,6 +19,7 @@ from glucoloop.control.design_case import DesignCase as DesignCase
 from glucoloop.control.part import ControllerComponent as ControllerComponent
 from glucoloop.control.protocol import Controller as Controller
 from glucoloop.control.protocol import Decision as Decision
+from glucoloop.control.protocol import DoseForecast as DoseForecast
 from glucoloop.control.protocol import Observation as Observation
 from glucoloop.control.protocol import Status as Status
 from glucoloop.estimation.unknown_meal.habits import MealHabits as MealHabits

@@ -52,6 +52,7 @@ NOTED = [
     (("run", "--exercise-time-spread", "9"), "--exercise-time-spread has no effect: there is no exercise."),
     (("run", "--start", "06:00"), "--start has no effect: the controller mpc does not use the time of day"),
     (("run", "--seed", "3"), "--seed has no effect: nothing is drawn at random."),
+    (("run", "--controller", "pid", "--forecasts"), "--forecasts has no effect: the controller pid does not use fore"),
     (("run", "--pump", "max_bolus_U=5"), "max_bolus_U of the pump limited has no effect: the controller mpc does not"),
     (("run", "--controller", "known_dead_time=true"), "known_dead_time of the case has no effect: readings have no"),
     (
@@ -139,6 +140,7 @@ EFFECTIVE = [
     ("run", "--announce-meals", "--announce-before", "20", "--carb-error", "9", "--controller", "basal-bolus"),
     ("run", "--no-announce-meals", "--carb-error", "0", "--pump", "max_bolus_U=25"),
     ("run", "--noise", "1.45", "--seed", "3"),
+    ("run", "--forecasts"),
     ("run", "--meal-size-spread", "20", "--seed", "3"),
     ("run", "--patient", "hovorka-2004", "--rhythm", "dawn", "--start", "06:00"),
     ("run", "--controller", "basal", "--guard", "--noise", "1.45"),

@@ -22,9 +22,11 @@ from glucoloop.control.decision import is_known
 from glucoloop.control.protocol import (
     Controller,
     Decision,
+    DoseForecast,
     Observation,
     computed_settings,
     draws,
+    forecast_of,
     gives_boluses,
     uses_of,
 )
@@ -119,6 +121,10 @@ class ActionComponent(PytreeComponent):
         decision = dataclasses.replace(decision, bolus_mU=bolus)
         t_min = jnp.minimum(state.t_min + self.sample_time_min, _LONG_MIN)
         return _ActionState(inner=inner, t_min=t_min, given_mU=given), decision
+
+    def forecast(self, state: _ActionState, observation: Observation) -> DoseForecast | None:
+        """Forecast of the inner controller, which knows of no bolus to come by hand."""
+        return forecast_of(self.inner, state.inner, self._for_inner(state.t_min, state.given_mU, observation))
 
     def _for_inner(self, t_min: jax.Array, given_mU: jax.Array, observation: Observation) -> Observation:
         """Observation of the inner controller; one without boluses is told of those by hand as of a rate."""

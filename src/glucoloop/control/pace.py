@@ -14,10 +14,12 @@ from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import (
     Controller,
     Decision,
+    DoseForecast,
     Observation,
     Status,
     computed_settings,
     draws,
+    forecast_of,
     gives_boluses,
     uses_of,
 )
@@ -116,8 +118,7 @@ class Paced:
 
     def step(self, state: _PacedState, observation: Observation) -> tuple[_PacedState, Decision]:
         """Let the inner controller act where it is due, or hold its rate and give no bolus."""
-        gathered = state.gathered + 1.0
-        due = ~(gathered < self.samples)  # also where the number was lost
+        gathered, due = self._due(state)
         in_min = self._first_eaten_in(state, observation)
         seen = self._since(state, observation, gathered, in_min)
         inner, decision = self.inner.step(state.inner, seen)
@@ -142,6 +143,18 @@ class Paced:
             in_min=None if in_min is None else jnp.where(due, jnp.inf, in_min),
         )
         return state, Decision(insulin_mU_min=insulin, status=status, bolus_mU=acted(decision.bolus_mU, no_bolus))
+
+    def forecast(self, state: _PacedState, observation: Observation) -> DoseForecast | None:
+        """Forecast of the inner controller where it acts, and NaN between."""
+        gathered, due = self._due(state)
+        seen = self._since(state, observation, gathered, self._first_eaten_in(state, observation))
+        forecast = forecast_of(self.inner, state.inner, seen)
+        return jax.tree.map(lambda numbers: jnp.where(due, numbers, jnp.nan), forecast)  # type: ignore[no-any-return]
+
+    def _due(self, state: _PacedState) -> tuple[jax.Array, jax.Array]:
+        """Number of observations since the inner controller acted, and whether it acts at this one."""
+        gathered = state.gathered + 1.0
+        return gathered, ~(gathered < self.samples)  # also where the number was lost
 
     def _first_eaten_in(self, state: _PacedState, observation: Observation) -> jax.Array | None:
         """Time until the first meal is eaten of those announced since the inner controller acted, or infinity."""

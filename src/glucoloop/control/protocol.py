@@ -130,6 +130,32 @@ class Decision:
     """
 
 
+@pytree
+class DoseForecast:
+    """Forecast on which a decision rests, with the rates under which it is made; times ahead are the leading axis."""
+
+    ahead_min: jax.Array
+    """(points,) times ahead of the sample, from 0 on."""
+    glucose_mg_dl: jax.Array
+    """(points, ...) glucose that the controller expects then."""
+    insulin_mU_min: jax.Array
+    """(points, ...) rate from each of these times to the next, a bolus included: the plan, whose first rate is what the
+    controller decides on, or for a controller that plans no doses the basal rate.
+    """
+    others_mg_dl: dict[str, jax.Array] | None = None
+    """Further forecasts ``(points, ...)`` by name, such as a cautious one; NaN where there is none."""
+
+
+def forecast_of(controller: object, state: Any, observation: Observation) -> DoseForecast | None:
+    """Forecast on which a controller decides at an observation, in the state before it; None if it makes none.
+
+    A controller tells it by a method ``forecast(state, observation)``, which a wrapper passes on.
+    """
+    method = getattr(controller, "forecast", None)
+    result: DoseForecast | None = None if method is None else method(state, observation)
+    return result
+
+
 def gives_boluses(controller: object) -> bool:
     """Whether a controller decides on boluses beside its basal rate.
 

@@ -18,9 +18,11 @@ from glucoloop.component.effects import TIME_OF_DAY, Need
 from glucoloop.control.protocol import (
     Controller,
     Decision,
+    DoseForecast,
     Observation,
     computed_settings,
     draws,
+    forecast_of,
     gives_boluses,
     uses_of,
 )
@@ -85,6 +87,10 @@ class Scheduled:
     def step(self, state: Any, observation: Observation) -> tuple[Any, Decision]:
         """Decide by the profile and the target of this time of day."""
         return self._now(observation).step(state, self._aimed(observation))
+
+    def forecast(self, state: Any, observation: Observation) -> DoseForecast | None:
+        """Forecast of the inner controller by the profile and the target of this time of day, as if they lasted."""
+        return forecast_of(self._now(observation), state, self._aimed(observation))
 
     def _now(self, observation: Observation) -> Controller:
         """Controller of the segment of an observation."""

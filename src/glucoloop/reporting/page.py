@@ -21,6 +21,7 @@ from glucoloop.reporting.labelled_traces import (
     Floats,
     PlottedRun,
     exercise_in_words,
+    in_view,
     labelled_runs,
     limits_passed,
     values_in_words,
@@ -116,6 +117,7 @@ def interactive_page(
         rules=[rule for panel in panels for rule in panel.rules],
         faults=faults,
         dots=any(run.reading_t_min.size for run in runs),
+        forecasts_every_min=max(run.forecasts_every_min for run in runs),
         commanded=len(panels[1].lines) > len(runs),
         plot=Plot("Glucose and insulin", end_min, panels, list(_lanes(runs, chosen, end_min, start_min)), start_min),
         events=list(_events(runs, chosen, start_min)),
@@ -144,7 +146,7 @@ def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float) -> Panel:
     panel = glucose_panel(
         [run.setpoint_mg_dl for run in runs],
         lowest_mg_dl,
-        [part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)],
+        [part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl, *in_view(run.forecasts))],
         height=310,
         marks=[
             *((t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in runs[0].meals),
@@ -159,6 +161,8 @@ def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float) -> Panel:
             panel.dot(run.reading_t_min, run.reading_mg_dl, index, run=index)
         drawn = thinned(run.fine_t_min, run.shown_glucose_mg_dl, most)
         panel.line(*drawn, index, dash=index, run=index, name=_name(runs, run, "glucose"))
+        for times, values in run.forecasts:
+            panel.line(times, values, index, kind="ahead", run=index)
     return panel
 
 

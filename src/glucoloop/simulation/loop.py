@@ -12,9 +12,18 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, draws, gives_boluses
+from glucoloop.control.protocol import (
+    Controller,
+    Decision,
+    DoseForecast,
+    Observation,
+    Status,
+    draws,
+    forecast_of,
+    gives_boluses,
+)
 from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, seen_mg_dl
 from glucoloop.pumps import Delivery, Pump
@@ -41,6 +50,8 @@ class Loop:
     """Carbohydrate that the person eats when glucose is low; None for none."""
     announced_in_min: jax.Array | None = None
     """Time to eating that an announcement tells; None where meals are announced when they begin."""
+    forecasts: bool = static(default=False)
+    """Whether the forecasts of the controller are kept, which takes its computing twice."""
 
 
 @pytree
@@ -80,6 +91,8 @@ class Sampled:
     """Lower end of the valid range of the patient's model."""
     rescue_g: jax.Array | None = None
     """Carbohydrate that the person eats against low glucose; None where there is none."""
+    forecast: DoseForecast | None = None
+    """Forecast on which the decision rests, where forecasts are kept and the controller makes one."""
 
 
 def look(
@@ -194,6 +207,8 @@ def sample(
     with jax.named_scope("controller"):
         decided = loop.controller.step(state.in_controller, observation)
     in_controller, decision = apart(decided)
+    # by itself, so that the decision is the same to the bit
+    forecast = apart(forecast_of(loop.controller, state.in_controller, observation)) if loop.forecasts else None
     _check_boluses(loop.controller, decision)
     finite = jnp.isfinite(decision.insulin_mU_min)
     if decision.bolus_mU is not None:
@@ -230,6 +245,7 @@ def sample(
         inside_mg_dl=inside,
         lowest_valid_mg_dl=jnp.broadcast_to(lowest_valid_glucose_mg_dl(loop.plant.patient), glucose.shape),
         rescue_g=rescue_g,
+        forecast=forecast,
     )
     return (
         LoopState(

@@ -63,7 +63,9 @@ def close_the_loop(run: Run, case: Case) -> Outcome:
     """
     model, changed = model_for(run, case), run.with_changes(run.changes) if run.changes else run
     controller = controller_of(changed, case, **model_arguments(model))
-    trace = close_loop(changed, controller, changed.as_scenario(), integrator=integrator_of(run))
+    trace = close_loop(
+        changed, controller, changed.as_scenario(), integrator=integrator_of(run), forecasts=run.forecasts
+    )
     return outcome_of(run, case, model, controller, trace)
 
 
