@@ -151,10 +151,12 @@ def scheduled(controller: Controller, schedule: Schedule, profile: Profile) -> S
     >>> len(by_clock.segments)
     3
     """
-    profiles = schedule.profiles(profile, controller.sample_time_min)
+    dtype = jnp.asarray(profile.basal_mU_min).dtype
+    numbers = jax.tree.map(lambda value: jnp.asarray(value, dtype), profile)
+    profiles = schedule.profiles(numbers, controller.sample_time_min)
     first, *others = (given_profile(controller, of_segment) for of_segment in profiles)
     leaves, rows = jax.tree.leaves(first), [jax.tree.leaves(other) for other in others]
-    # what does not depend on the profile is the same object in all, whoever the people are
+    # what no segment changes is the same array in all, whoever the people are
     varies = tuple(any(row[number] is not leaf for row in rows) for number, leaf in enumerate(leaves))
     segments = tuple(tuple(itertools.compress(row, varies)) for row in rows)
     return Scheduled(inner=first, segments=segments, schedule=schedule, varies=varies)
