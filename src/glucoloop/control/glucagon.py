@@ -160,6 +160,7 @@ class MiniDoseGlucagon(GlucagonComponent, name="mini-dose"):
     the mean where it was 110 before, and by 19, 24 and 43 where insulin had brought it to 70.
     """
 
+    sources = ("haymond2016",)
     dose_ug: Annotated[float, About("Dose.", above=0.0, at_most=10_000.0)] = 150.0
     below_mg_dl: Annotated[
         float,
