@@ -119,7 +119,9 @@ def results_of(config: DaysRequest, progress: Callable[[str], None]) -> Results:
     progress(f"habits of {how_many(habits.days, 'day')}")
     scenario = scenario_text(habits, record)
     trial = _trial_of(config, habits, record, scenario)
-    people = tuple(_lived(trial, label, progress) for label in [case.label for case in trial.cases])
+    people = tuple(
+        _lived(trial, label, habits.eaten_over_entered, progress) for label in [case.label for case in trial.cases]
+    )
     rows = [{"who": _RECORD, **_numbers(record)}]
     over_people = []
     for of_case in people:
@@ -185,7 +187,7 @@ def _therapy_texts(habits: Habits, record: GriddedRecord, *, ratios: bool) -> It
         yield f"basal, {_part_pct(part)}%, {_BLOCK_H * block}h-{_BLOCK_H * (block + 1)}h"
     if ratios:
         by_basal_U = float(record.basal_U.sum()) / record.days / BASAL_SHARE
-        yield f"carb_ratio, {_part_pct(habits.carb_ratio_g_U * by_basal_U / CARB_RULE)}%"
+        yield f"carb_ratio, {_part_pct(habits.eaten_over_entered * habits.carb_ratio_g_U * by_basal_U / CARB_RULE)}%"
         yield f"correction, {_part_pct(by_basal_U / record.total_daily_dose_U)}%"
 
 
@@ -193,8 +195,8 @@ def _part_pct(part: float) -> str:
     return f"{np.clip(100.0 * part, *_PARTS_PCT):.0f}"
 
 
-def _lived(trial: Trial, label: str, progress: Callable[[str], None]) -> _People:
-    """Days of the virtual people under a controller."""
+def _lived(trial: Trial, label: str, eaten_over_entered: float, progress: Callable[[str], None]) -> _People:
+    """Days of the virtual people under a controller, with entries in the unit of those of the record."""
     numbers = np.arange(trial.people, dtype=np.int64)
     result = run_people(prepare(trial), label, numbers, traces=True)
     assert result.glucose_mg_dl is not None
@@ -218,7 +220,7 @@ def _lived(trial: Trial, label: str, progress: Callable[[str], None]) -> _People
                 basal_U=basal_U[:, person],
                 user_bolus_U=given_U[:, person] - basal_U[:, person],
                 automatic_bolus_U=np.zeros(samples),
-                carbs_g=announced[:, person],
+                carbs_g=announced[:, person] / eaten_over_entered,
                 basal_off_schedule_pct=0.0,
             )
             for person in np.flatnonzero(result.feasible & np.isfinite(result.glucose_mg_dl).all(axis=0))
