@@ -12,7 +12,7 @@ from glucoloop.forecasts.grid import SAMPLES_PER_DAY, gridded_record
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
-from glucoloop.studies.days.habits import divisions, habits_of, rises_of
+from glucoloop.studies.days.habits import divisions, filled, habits_of, rises_of
 from glucoloop.studies.days.scenario import scenario_text
 from glucoloop.trials.trial import Trial
 from lived_records import lived
@@ -150,6 +150,18 @@ def test_meals_without_a_bolus_and_gaps_are_told():
     assert habits.gaps is not None
     assert habits.gaps.per_day == pytest.approx(7 / 28)
     assert habits.gaps.duration_min == pytest.approx(100.0)
+
+
+def test_a_sensor_that_reads_every_quarter_of_an_hour_tells_the_same():
+    record = bump([100, 400, 700, 1000], 90.0, entered=(95, 710))
+    readings = np.where(np.arange(record.reading_mg_dl.size) % 3 == 0, record.reading_mg_dl, np.nan)
+    sparse = gridded(readings, basal_U=record.basal_U, bolus_U=record.user_bolus_U, carbs_g=record.carbs_g)
+    rises = rises_of(filled(sparse))
+    assert [rise.entered for rise in rises] == [True, False, True, False]
+    assert [rise.size_mg_dl for rise in rises] == pytest.approx([90.0] * 4, abs=10.0)
+    readings[500:520] = np.nan
+    assert np.isnan(filled(gridded(readings)).reading_mg_dl[501:519]).all()
+    assert filled(gridded(np.full(576, np.nan))).reading_mg_dl.size == 576
 
 
 def test_an_entry_after_a_rise_is_late():

@@ -34,7 +34,7 @@ from glucoloop.situations.scenarios import SCENARIOS
 from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.storage.results import Results
 from glucoloop.studies.days import SCENARIO, TRIAL, DaysRequest
-from glucoloop.studies.days.habits import Gaps, Habits, Occasion, WeekendDifference, habits_of, rises_of
+from glucoloop.studies.days.habits import Gaps, Habits, Occasion, WeekendDifference, filled, habits_of, rises_of
 from glucoloop.studies.days.scenario import scenario_text
 from glucoloop.studies.twin.study import record_of
 from glucoloop.text import how_many
@@ -232,11 +232,12 @@ def _numbers(days: GriddedRecord) -> dict[str, float]:
     """Numbers of a record, or of the days of a virtual person."""
     there = np.isfinite(days.reading_mg_dl)
     readings = Readings.of(SAMPLE_MIN * (np.flatnonzero(there) + 1.0), days.reading_mg_dl[there])
-    rises, entries = rises_of(days), float(np.count_nonzero(days.carbs_g))
+    whole, entries = filled(days), float(np.count_nonzero(days.carbs_g))
+    rises = rises_of(whole)
     values = {
         **numbers_of(readings),
         **{f"night_{name}": value for name, value in dict(by_time_of_day(readings))[_NIGHT].items()},
-        "rises_day": len(rises) / (days.days * float(there.mean())),
+        "rises_day": len(rises) / (days.days * float(np.isfinite(whole.reading_mg_dl).mean())),
         "rises_not_entered_pct": 100.0 * float(np.mean([not rise.entered for rise in rises])) if rises else np.nan,
         "entries_day": entries / days.days,
         "carbs_g_day": float(days.carbs_g.sum()) / days.days,
