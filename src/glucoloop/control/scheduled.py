@@ -24,6 +24,7 @@ from glucoloop.control.protocol import (
     draws,
     forecast_of,
     gives_boluses,
+    gives_glucagon,
     uses_of,
 )
 from glucoloop.therapy import TARGET, Profile, Schedule, given_profile
@@ -52,6 +53,11 @@ class Scheduled:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def gives_glucagon(self) -> bool:
+        """Whether the inner controller decides on glucagon."""
+        return gives_glucagon(self.inner)
 
     @property
     def uses(self) -> frozenset[Need]:
