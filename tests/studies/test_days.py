@@ -12,7 +12,7 @@ from glucoloop.forecasts.grid import SAMPLES_PER_DAY, gridded_record
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
-from glucoloop.studies.days.habits import divisions, habits_of, rises_of
+from glucoloop.studies.days.habits import divisions, filled, habits_of, rises_of
 from glucoloop.studies.days.scenario import scenario_text
 from glucoloop.trials.trial import Trial
 from lived_records import lived
@@ -134,7 +134,6 @@ def test_entries_far_from_the_rule_are_in_a_unit_of_their_own():
     )
     assert habits.eaten_over_entered == pytest.approx(500.0 / (4.0 * 50.0))
     keys = tomllib.loads(scenario_text(habits, record))
-    assert keys["carb_bias_pct"] == pytest.approx(100.0 * (4.0 * 50.0 / 500.0 - 1.0))
     assert float(keys["meals"][0].partition("g@")[0]) == pytest.approx(40.0 * 2.5)
 
 
@@ -151,6 +150,18 @@ def test_meals_without_a_bolus_and_gaps_are_told():
     assert habits.gaps is not None
     assert habits.gaps.per_day == pytest.approx(7 / 28)
     assert habits.gaps.duration_min == pytest.approx(100.0)
+
+
+def test_a_sensor_that_reads_every_quarter_of_an_hour_tells_the_same():
+    record = bump([100, 400, 700, 1000], 90.0, entered=(95, 710))
+    readings = np.where(np.arange(record.reading_mg_dl.size) % 3 == 0, record.reading_mg_dl, np.nan)
+    sparse = gridded(readings, basal_U=record.basal_U, bolus_U=record.user_bolus_U, carbs_g=record.carbs_g)
+    rises = rises_of(filled(sparse))
+    assert [rise.entered for rise in rises] == [True, False, True, False]
+    assert [rise.size_mg_dl for rise in rises] == pytest.approx([90.0] * 4, abs=10.0)
+    readings[500:520] = np.nan
+    assert np.isnan(filled(gridded(readings)).reading_mg_dl[501:519]).all()
+    assert filled(gridded(np.full(576, np.nan))).reading_mg_dl.size == 576
 
 
 def test_an_entry_after_a_rise_is_late():
@@ -179,7 +190,8 @@ def test_the_scenario_has_what_was_learnt(tmp_path):
     days = trial.drawn_days(np.arange(400))
     meals = days.announced_g > 0.0
     assert meals.sum() / (28 * 400) == pytest.approx(sum(one.per_day for one in habits.entered), rel=0.02)
-    assert days.announced_g.sum() / (28 * 400) == pytest.approx(habits.carbs_g_day, rel=0.02)
+    grams = days.announced_g.sum() / (28 * 400)
+    assert grams == pytest.approx(habits.eaten_over_entered * habits.carbs_g_day, rel=0.02)
     for number, occasion in enumerate(habits.entered):
         own = (days.which == number)[:, None] & meals
         clock = np.mod(days.t_min[own], 1440.0)

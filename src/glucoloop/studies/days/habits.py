@@ -35,6 +35,7 @@ import numpy.typing as npt
 import scipy.stats
 
 from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord
+from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many
 from glucoloop.therapy import CARB_RULE, CORRECTION_RULE
@@ -198,6 +199,8 @@ def habits_of(record: GriddedRecord) -> Habits:
     Refusal
         If fewer than five days have readings for half of the time, or there is no carbohydrate or no insulin.
     """
+    gaps = _gaps(np.isfinite(record.reading_mg_dl))
+    record = filled(record)
     readings = np.isfinite(record.reading_mg_dl).reshape(record.days, -1)
     used = readings.mean(axis=1) >= _MIN_ACTIVE
     days = int(used.sum())
@@ -248,11 +251,25 @@ def habits_of(record: GriddedRecord) -> Habits:
         late_min=float(late_min[late_min > 0.0].mean()) if late_min.any() else 0.0,
         weekend=weekend,
         weekends_differ_by=in_words,
-        gaps=_gaps(readings.ravel()),
+        gaps=gaps,
         rises=len(rises),
         rises_not_entered=len(missing),
         rises_from_low=len(missing) - len(by_snack),
     )
+
+
+def filled(record: GriddedRecord) -> GriddedRecord:
+    """The record with glucose between readings that are at most 45 min apart, as those of some sensors always are."""
+    there = np.flatnonzero(np.isfinite(record.reading_mg_dl))
+    if not there.size:
+        return record
+    place = np.arange(record.reading_mg_dl.size)
+    after = np.minimum(np.searchsorted(there, place), there.size - 1)
+    apart = there[after] - there[np.maximum(after - 1, 0)]
+    inside = (place > there[0]) & (place < there[-1]) & (apart <= LONGEST_FILLED_MIN / SAMPLE_MIN)
+    glucose = np.interp(place, there, record.reading_mg_dl[there])
+    readings = np.where(inside | np.isfinite(record.reading_mg_dl), glucose, np.nan)
+    return dataclasses.replace(record, reading_mg_dl=readings)
 
 
 def _time_of_day(t_min: npt.NDArray[Any]) -> Values:
@@ -292,7 +309,10 @@ def _late(record: GriddedRecord, at: Places) -> tuple[float, Values]:
 
 
 def rises_of(record: GriddedRecord) -> list[Rise]:
-    """Rises of 60 mg/dl or more within 90 min, from their onset to their peak; one that goes on is one."""
+    """Rises of 60 mg/dl or more within 90 min, from their onset to their peak; one that goes on is one.
+
+    Glucose is that of each sample, see `filled`.
+    """
     readings, entries = record.reading_mg_dl, np.concatenate([[0], np.cumsum(record.carbs_g > 0.0)])
     result: list[Rise] = []
     sample = 0

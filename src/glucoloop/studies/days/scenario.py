@@ -120,11 +120,10 @@ def _on_entries(habits: Habits, record: GriddedRecord) -> Iterator[str]:
         [
             f"A unit is given for {habits.carb_ratio_g_U:.3g} g that are entered, {record.total_daily_dose_U:.0f} U a "
             f"day; by the rule of {CARB_RULE:.0f} that is a unit for {factor * habits.carb_ratio_g_U:.3g} g. So meals "
-            f"are {factor:.2g} times what is entered, which controllers are told. To take entries for what is eaten, "
-            "divide the meals by that and leave carb_bias_pct out."
+            f"are {factor:.2g} times what is entered, here and for a bolus by the rule. To take entries for what is "
+            "eaten, divide the meals by that."
         ]
     )
-    yield f"carb_bias_pct = {100.0 / factor - 100.0:.1f}"
 
 
 def _on_boluses(habits: Habits) -> str:

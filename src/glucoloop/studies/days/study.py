@@ -34,7 +34,7 @@ from glucoloop.situations.scenarios import SCENARIOS
 from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.storage.results import Results
 from glucoloop.studies.days import SCENARIO, TRIAL, DaysRequest
-from glucoloop.studies.days.habits import Gaps, Habits, Occasion, WeekendDifference, habits_of, rises_of
+from glucoloop.studies.days.habits import Gaps, Habits, Occasion, WeekendDifference, filled, habits_of, rises_of
 from glucoloop.studies.days.scenario import scenario_text
 from glucoloop.studies.twin.study import record_of
 from glucoloop.text import how_many
@@ -119,7 +119,9 @@ def results_of(config: DaysRequest, progress: Callable[[str], None]) -> Results:
     progress(f"habits of {how_many(habits.days, 'day')}")
     scenario = scenario_text(habits, record)
     trial = _trial_of(config, habits, record, scenario)
-    people = tuple(_lived(trial, label, progress) for label in [case.label for case in trial.cases])
+    people = tuple(
+        _lived(trial, label, habits.eaten_over_entered, progress) for label in [case.label for case in trial.cases]
+    )
     rows = [{"who": _RECORD, **_numbers(record)}]
     over_people = []
     for of_case in people:
@@ -185,7 +187,7 @@ def _therapy_texts(habits: Habits, record: GriddedRecord, *, ratios: bool) -> It
         yield f"basal, {_part_pct(part)}%, {_BLOCK_H * block}h-{_BLOCK_H * (block + 1)}h"
     if ratios:
         by_basal_U = float(record.basal_U.sum()) / record.days / BASAL_SHARE
-        yield f"carb_ratio, {_part_pct(habits.carb_ratio_g_U * by_basal_U / CARB_RULE)}%"
+        yield f"carb_ratio, {_part_pct(habits.eaten_over_entered * habits.carb_ratio_g_U * by_basal_U / CARB_RULE)}%"
         yield f"correction, {_part_pct(by_basal_U / record.total_daily_dose_U)}%"
 
 
@@ -193,8 +195,8 @@ def _part_pct(part: float) -> str:
     return f"{np.clip(100.0 * part, *_PARTS_PCT):.0f}"
 
 
-def _lived(trial: Trial, label: str, progress: Callable[[str], None]) -> _People:
-    """Days of the virtual people under a controller."""
+def _lived(trial: Trial, label: str, eaten_over_entered: float, progress: Callable[[str], None]) -> _People:
+    """Days of the virtual people under a controller, with entries in the unit of those of the record."""
     numbers = np.arange(trial.people, dtype=np.int64)
     result = run_people(prepare(trial), label, numbers, traces=True)
     assert result.glucose_mg_dl is not None
@@ -218,7 +220,7 @@ def _lived(trial: Trial, label: str, progress: Callable[[str], None]) -> _People
                 basal_U=basal_U[:, person],
                 user_bolus_U=given_U[:, person] - basal_U[:, person],
                 automatic_bolus_U=np.zeros(samples),
-                carbs_g=announced[:, person],
+                carbs_g=announced[:, person] / eaten_over_entered,
                 basal_off_schedule_pct=0.0,
             )
             for person in np.flatnonzero(result.feasible & np.isfinite(result.glucose_mg_dl).all(axis=0))
@@ -230,11 +232,12 @@ def _numbers(days: GriddedRecord) -> dict[str, float]:
     """Numbers of a record, or of the days of a virtual person."""
     there = np.isfinite(days.reading_mg_dl)
     readings = Readings.of(SAMPLE_MIN * (np.flatnonzero(there) + 1.0), days.reading_mg_dl[there])
-    rises, entries = rises_of(days), float(np.count_nonzero(days.carbs_g))
+    whole, entries = filled(days), float(np.count_nonzero(days.carbs_g))
+    rises = rises_of(whole)
     values = {
         **numbers_of(readings),
         **{f"night_{name}": value for name, value in dict(by_time_of_day(readings))[_NIGHT].items()},
-        "rises_day": len(rises) / (days.days * float(there.mean())),
+        "rises_day": len(rises) / (days.days * float(np.isfinite(whole.reading_mg_dl).mean())),
         "rises_not_entered_pct": 100.0 * float(np.mean([not rise.entered for rise in rises])) if rises else np.nan,
         "entries_day": entries / days.days,
         "carbs_g_day": float(days.carbs_g.sum()) / days.days,
