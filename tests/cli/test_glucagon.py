@@ -1,4 +1,4 @@
-"""Glucagon on the command line: runs, trials and leagues have it, other commands and patients say that they have not."""
+"""Glucagon on the command line: runs, trials and leagues have it, other commands and patients refuse it."""
 
 import polars as pl
 import pytest
