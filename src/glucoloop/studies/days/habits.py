@@ -213,7 +213,7 @@ def habits_of(record: GriddedRecord) -> Habits:
         raise Refusal("it has no meals, so it does not tell how the person eats; give a record with carbohydrate")
     if not record.insulin_U.any():
         raise Refusal("it has no insulin, so it does not tell the therapy; give a record with boluses and basal rates")
-    at = _meals(record)
+    at = meals_of(record)
     at = at[used[at // SAMPLES_PER_DAY]]
     if at.size < _MIN_OF_OCCASION:
         raise Refusal(
@@ -276,8 +276,8 @@ def _time_of_day(t_min: npt.NDArray[Any]) -> Values:
     return np.asarray(np.mod(t_min, MIN_PER_DAY), np.float64)
 
 
-def _meals(record: GriddedRecord) -> Places:
-    """Samples of the first entry of each meal."""
+def meals_of(record: GriddedRecord) -> Places:
+    """Samples of the first entry of each meal, of which entries within half an hour are one."""
     first: list[int] = []
     for at in np.flatnonzero(record.carbs_g > 0.0).tolist():
         if not first or at >= first[-1] + _ONE_MEAL:

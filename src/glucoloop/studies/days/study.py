@@ -34,7 +34,16 @@ from glucoloop.situations.scenarios import SCENARIOS
 from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.storage.results import Results
 from glucoloop.studies.days import SCENARIO, TRIAL, DaysRequest
-from glucoloop.studies.days.habits import Gaps, Habits, Occasion, WeekendDifference, filled, habits_of, rises_of
+from glucoloop.studies.days.habits import (
+    Gaps,
+    Habits,
+    Occasion,
+    WeekendDifference,
+    filled,
+    habits_of,
+    meals_of,
+    rises_of,
+)
 from glucoloop.studies.days.scenario import scenario_text
 from glucoloop.studies.twin.study import record_of
 from glucoloop.text import how_many
@@ -54,6 +63,7 @@ _SETPOINT_MG_DL: Final = (90.0, 180.0)
 _PARTS_PCT: Final = (10.0, 1000.0)
 _RANGE: Final = (5.0, 95.0)
 _AUTOMATIC_PCT: Final = 5.0
+_FEW_MEALS: Final = 2.0
 _FIRST: Final = dt.datetime(2024, 1, 1)
 """Day 1 of virtual people, a Monday."""
 
@@ -86,7 +96,7 @@ NUMBERS: Final = (
     _Number("night_time_70_180_pct", _NIGHTS, "From 70 to 180 mg/dl", "nights from 70 to 180 mg/dl", "%"),
     _Number("rises_day", _RISES, "Rises a day", "rises", ""),
     _Number("rises_not_entered_pct", _RISES, "Without entered carbohydrate", "rises without carbohydrate", "%", 0),
-    _Number("entries_day", _GIVEN, "Entries of carbohydrate a day", "entries", ""),
+    _Number("meals_day", _GIVEN, "Entered meals a day", "entered meals", ""),
     _Number("carbs_g_day", _GIVEN, "Entered carbohydrate a day", "entered carbohydrate", "g", 0),
     _Number("insulin_by_basal", _GIVEN, "All insulin over basal insulin", "insulin over basal insulin", "", 2),
 )
@@ -164,6 +174,7 @@ def _trial_of(config: DaysRequest, habits: Habits, record: GriddedRecord, scenar
     """Trial of the virtual people."""
     own = {name: value for name, value in config.explicit.items() if name in Trial.settings()}
     night = record.reading_mg_dl.reshape(record.days, -1)[:, : SAMPLES_PER_DAY // 4]
+    night = night if np.isfinite(night).any() else record.reading_mg_dl
     setpoint = float(np.clip(round(float(np.nanmedian(night))), *_SETPOINT_MG_DL))
     settings = {
         "people": config.people,
@@ -201,6 +212,12 @@ def _lived(trial: Trial, label: str, eaten_over_entered: float, progress: Callab
     result = run_people(prepare(trial), label, numbers, traces=True)
     assert result.glucose_mg_dl is not None
     assert result.insulin_mU_min is not None
+    whole = np.flatnonzero(result.feasible & np.isfinite(result.glucose_mg_dl).all(axis=0))
+    if not whole.size:
+        raise Refusal(
+            f"nobody of {trial.population.name} can rest at {trial.target_mg_dl:g} mg/dl; give another --setpoint, or "
+            "another --patient"
+        )
     progress(label)
     days = trial.drawn_days(numbers)
     samples = trial.samples
@@ -223,7 +240,7 @@ def _lived(trial: Trial, label: str, eaten_over_entered: float, progress: Callab
                 carbs_g=announced[:, person] / eaten_over_entered,
                 basal_off_schedule_pct=0.0,
             )
-            for person in np.flatnonzero(result.feasible & np.isfinite(result.glucose_mg_dl).all(axis=0))
+            for person in whole
         ],
     )
 
@@ -232,14 +249,14 @@ def _numbers(days: GriddedRecord) -> dict[str, float]:
     """Numbers of a record, or of the days of a virtual person."""
     there = np.isfinite(days.reading_mg_dl)
     readings = Readings.of(SAMPLE_MIN * (np.flatnonzero(there) + 1.0), days.reading_mg_dl[there])
-    whole, entries = filled(days), float(np.count_nonzero(days.carbs_g))
+    whole = filled(days)
     rises = rises_of(whole)
     values = {
         **numbers_of(readings),
         **{f"night_{name}": value for name, value in dict(by_time_of_day(readings))[_NIGHT].items()},
         "rises_day": len(rises) / (days.days * float(np.isfinite(whole.reading_mg_dl).mean())),
         "rises_not_entered_pct": 100.0 * float(np.mean([not rise.entered for rise in rises])) if rises else np.nan,
-        "entries_day": entries / days.days,
+        "meals_day": meals_of(days).size / days.days,
         "carbs_g_day": float(days.carbs_g.sum()) / days.days,
         "insulin_by_basal": float(days.insulin_U.sum() / days.basal_U.sum()),
     }
@@ -258,6 +275,12 @@ def _notes(habits: Habits, record: GriddedRecord, trial: Trial, people: Sequence
         yield (
             f"Automation dosed {record.automatic_insulin_pct:.0f} % of the insulin of the record. No controller here "
             "is that automation; --controller oref0 or loop-like is one of its kind."
+        )
+    meals = sum(occasion.per_day for occasion in habits.entered)
+    if meals < _FEW_MEALS:
+        yield (
+            f"Only {meals:.1f} meals a day are entered, so most of what is eaten stands as snacks that rises of "
+            "glucose tell, and smaller meals are lacking."
         )
     if habits.eaten_over_entered != 1.0:
         yield (
