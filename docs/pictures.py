@@ -28,6 +28,7 @@ SCRIPTS = (
     "slow_and_quick",
     "feedback_is_late",
     "fortnight",
+    "why_this_dose",
 )
 _DPI = 150
 

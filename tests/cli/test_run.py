@@ -123,6 +123,26 @@ def test_tables_hold_the_run(glucoloop, tmp_path):
     assert 'src="http' not in page
 
 
+def test_forecasts_are_kept_and_drawn_where_they_are_asked_for(glucoloop, tmp_path):
+    """The first of the planned rates is the dose, and the forecast of now is the reading."""
+    glucoloop("run", *SHORT, "--forecasts", "--out", "why")
+    table, trace = (pl.read_csv(tmp_path / f"why/{name}.csv") for name in ("forecasts", "trace"))
+    assert table.columns == ["t_min", "ahead_min", "glucose_mg_dl", "insulin_mU_min"]
+    assert table.height == 20 * 9
+    now = table.filter(pl.col("ahead_min") == 0.0)
+    assert now["t_min"].to_list() == trace["t_min"].to_list()
+    np.testing.assert_allclose(now["glucose_mg_dl"], trace["reading_mg_dl"], rtol=1e-12)
+    np.testing.assert_allclose(now["insulin_mU_min"], trace["command_mU_min"], rtol=1e-9)
+    assert pl.read_parquet(tmp_path / "why/forecasts.parquet").equals(table)
+    page = (tmp_path / "why/figure.html").read_text()
+    assert page.count('"kind": "ahead"') + page.count('"kind":"ahead"') == 20
+    assert "glucose as the controller expected it, every 5 min" in page
+    assert "forecasts.csv" in page
+    glucoloop("run", *SHORT, "--out", "plain")
+    assert pl.read_csv(tmp_path / "plain/trace.csv").equals(trace)
+    assert not (tmp_path / "plain/forecasts.csv").exists()
+
+
 @pytest.mark.long
 def test_known_dead_time_reaches_the_controller(glucoloop):
     unknown = glucoloop("run", "--dead-time", 10, "--json")

@@ -134,7 +134,7 @@ def test_loop_like_forecasts_a_meal_to_come_as_one_that_begins_later():
     rises = []
     for in_min in (0.0, 30.0):
         seen = told(60.0, in_min)
-        rises.append(np.asarray(controller.forecast(controller.observed(controller.init(told()), seen))))
+        rises.append(np.asarray(controller.glucose_ahead(controller.observed(controller.init(told()), seen))))
     at_once, later = rises
     np.testing.assert_allclose(later[6:], at_once[:-6], rtol=1e-9)
     np.testing.assert_allclose(later[:8], 110.0)

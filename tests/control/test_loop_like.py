@@ -24,7 +24,7 @@ AUTOMATIC = LoopLike().of_person(PROFILE, WIDE)
 TEMPORARY = LoopLike(dosing="temporary-basal").of_person(PROFILE, WIDE)
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
 observed = jax.jit(lambda controller, state, observation: controller.observed(state, observation))
-forecast = jax.jit(lambda controller, state: controller.forecast(state))
+forecast = jax.jit(lambda controller, state: controller.glucose_ahead(state))
 ANY = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1e300]))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import glucoloop as gl
 from glucoloop._pytree import pytree
-from glucoloop.control.profile_mpc import ProfileMPC, forecast_of
+from glucoloop.control.profile_mpc import ProfileMPC, steps_ahead
 from glucoloop.control.protocol import Observation, Status, computed_settings
 from glucoloop.meals import Scenario
 from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS
@@ -253,8 +253,8 @@ def test_the_forecast_has_the_appearance_of_meals_to_come(controller):
     to_come = dataclasses.replace(
         state.to_come, carbs_g=jnp.asarray([50.0, 20.0, 0.0, 0.0]), in_min=jnp.asarray([20.0, 7.0, 0.0, 0.0])
     )
-    minutes = np.asarray(controller.forecast.step.minutes)
-    appeared, expected = controller._later(state.estimate, to_come) * minutes, []
+    minutes = np.asarray(controller.ahead.step.minutes)
+    appeared, expected = controller._later(state.estimate, to_come)[0] * minutes, []
     for end in np.cumsum(minutes):
         filled = [
             np.sum(controller.filter.gut.after(jnp.asarray([1000.0 * carbs_g, 0.0]), end - at)) if end > at else None
@@ -266,8 +266,8 @@ def test_the_forecast_has_the_appearance_of_meals_to_come(controller):
 
 @pytest.mark.parametrize("sample_min", [1.0, 5.0, 10.0, 30.0])
 def test_the_forecast_covers_eight_hours_in_blocks_of_whole_samples(controller, sample_min):
-    forecast = forecast_of(controller.model, sample_min)
-    assert float(jnp.sum(forecast.step.minutes)) == pytest.approx(480.0)
-    assert float(forecast.block_min[0]) == sample_min
-    np.testing.assert_allclose(np.asarray(forecast.block_min) % sample_min, 0.0, atol=1e-9)
-    np.testing.assert_allclose(forecast.step.minutes @ forecast.of_block, forecast.block_min)
+    ahead = steps_ahead(controller.model, sample_min)
+    assert float(jnp.sum(ahead.step.minutes)) == pytest.approx(480.0)
+    assert float(ahead.block_min[0]) == sample_min
+    np.testing.assert_allclose(np.asarray(ahead.block_min) % sample_min, 0.0, atol=1e-9)
+    np.testing.assert_allclose(ahead.step.minutes @ ahead.of_block, ahead.block_min)

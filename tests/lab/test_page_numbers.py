@@ -236,7 +236,7 @@ def test_the_package_data_are_those_that_would_be_built_now(data, of_page):
     found, expected = build._module(of_page), MODULE.read_bytes()
     assert len(found) == len(expected), SENTENCE
     # The tables of functions with loops follow from designs, whose last digits differ between processors.
-    table = np.ravel(_example_controller("profile-mpc", "hovorka-2004").forecast.step.first)
+    table = np.ravel(_example_controller("profile-mpc", "hovorka-2004").ahead.step.first)
     assert share_of_last_digits(found, expected, place_of(table, expected)) > 0.95, SENTENCE
 
 

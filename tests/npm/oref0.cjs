@@ -41,7 +41,8 @@ const answers = {
     const eaten = { ...food };
     if ("last_carb_age" in food) eaten.lastCarbTime = at(food.last_carb_age).getTime();
     const told = determineBasal(status, temp, insulin, profile, { ratio: 1 }, eaten, tempBasal, allowed, 100, at(0));
-    return { rate: told.rate, duration: told.duration, units: told.units, reason: told.reason, error: told.error };
+    const { rate, duration, units, reason, error, predBGs } = told;
+    return { rate, duration, units, reason, error, predBGs };
   },
   // Insulin on board at `ahead` minutes from now, of treatments [[minutes ago, U], ...].
   iob({ treatments, profile, ahead }) {

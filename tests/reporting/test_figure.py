@@ -1,5 +1,6 @@
 """What is drawn, where, and that it can be read."""
 
+import dataclasses
 import io
 import sys
 
@@ -7,6 +8,7 @@ import matplotlib
 import numpy as np
 import pytest
 
+from glucoloop.control.protocol import DoseForecast
 from glucoloop.reporting import plot
 from glucoloop.reporting.figure_files import _figure_bytes, figure_files
 from glucoloop.units import MG_DL_PER_MMOL_L
@@ -231,3 +233,24 @@ def test_what_cannot_be_drawn_is_refused(make_trace, quiet):
         plot({"now": quiet, "later": make_trace(np.full(601, 80.0), meal_sample=20)})
     with pytest.raises(ValueError, match="unknown width 'triple'; use one of 'single', 'double'"):
         plot(quiet, width="triple")
+
+
+def test_some_of_the_forecasts_are_a_fan_of_thin_lines(quiet):
+    """A controller that acts every 10 min: 60 forecasts, of which each third is drawn, as far as the run goes."""
+    t_min, ahead = np.asarray(quiet.t_min), np.arange(0.0, 45.0, 5.0)
+    glucose = 80.0 + t_min[:, None] / 10.0 + ahead
+    acts = np.arange(t_min.size)[:, None] % 2 == 0
+    forecast = DoseForecast(
+        ahead_min=np.where(acts, ahead, np.nan), glucose_mg_dl=np.where(acts, glucose, np.nan), insulin_mU_min=glucose
+    )
+    figure = plot(dataclasses.replace(quiet, forecast=forecast))
+    thin = [line for line in figure.axes[0].lines if line.get_linewidth() == 0.6 and line.get_alpha()]
+    assert len(thin) == 20
+    for number, line in enumerate(thin):
+        there = 30.0 * number + ahead <= 600.0
+        np.testing.assert_allclose(line.get_xdata(), (30.0 * number + ahead)[there])
+        np.testing.assert_allclose(line.get_ydata(), (80.0 + 3.0 * number + ahead)[there])
+    assert "forecasts, every 30 min" in words(figure)
+    assert figure.axes[0].get_ylim()[1] > 80.0 + 57.0 + 25.0
+    assert "forecasts" not in " ".join(words(plot(quiet)))
+    assert_nothing_is_clipped(figure)

@@ -68,6 +68,7 @@ def close_loop(
     surroundings: Surroundings | None = None,
     key: jax.Array | int | None = None,
     integrator: Integrator | None = None,
+    forecasts: bool = False,
 ) -> Trace:
     """Simulate one person in a situation under a controller.
 
@@ -82,6 +83,7 @@ def close_loop(
         scenario,
         situation.seed if key is None else key,
         integrator=integrator,
+        forecasts=forecasts,
     )
 
 

@@ -39,12 +39,16 @@ AHEAD: Final = Need("nothing doses before a meal is eaten", "announcements befor
 TIME_OF_DAY: Final = Need("nothing goes by the time of day", "the time of day")
 PROFILE: Final = Need("nothing doses by the profile of a person", "the profile of a person")
 BOLUSES: Final = Need("no boluses are given", "boluses")
+GLUCAGON: Final = Need("no glucagon is given")
+FORECASTS: Final = Need("nothing forecasts glucose", "forecasts of glucose")
 OTHERS_TO_COMPARE: Final = Need("there is one controller alone")
 INDIVIDUAL: Final = Need("no controller is designed", "anything of a person in its design")
-OF_CONTROLLERS: Final = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, BOLUSES, INDIVIDUAL})
+OF_CONTROLLERS: Final = frozenset(
+    {READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, BOLUSES, INDIVIDUAL, FORECASTS}
+)
 """Needs that controllers may meet, by what they use or give."""
 
-EVERYTHING: Final = OF_CONTROLLERS | {MEALS, EXERCISE, CHANCE, DEAD_TIME}
+EVERYTHING: Final = OF_CONTROLLERS | {MEALS, EXERCISE, CHANCE, DEAD_TIME, GLUCAGON}
 """All needs, which a study of many situations meets in one or another."""
 ONLY_READINGS: Final = frozenset({READINGS})
 """Needs that most controllers meet."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
@@ -26,6 +26,13 @@ from glucoloop.control.guard_doses import (
     repaired_doses,
     updated_doses,
 )
+from glucoloop.control.guard_glucagon import (
+    GlucagonHistory,
+    allowed_glucagon,
+    no_glucagon,
+    repaired_glucagon,
+    with_glucagon,
+)
 from glucoloop.control.guard_readings import (
     ReadingHistory,
     initial_readings,
@@ -38,11 +45,14 @@ from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import (
     Controller,
     Decision,
+    DoseForecast,
     Observation,
     Status,
     computed_settings,
     draws,
+    forecast_of,
     gives_boluses,
+    gives_glucagon,
     uses_of,
 )
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -76,6 +86,32 @@ class _GuardState:
     """Indicator, 1 while insulin is suspended, else 0."""
     bolus_mU: jax.Array | None = None
     """Last bolus that the guard asked for; None where the inner controller gives none."""
+    glucagon: GlucagonHistory | None = None
+    """Glucagon that the guard asked for; None where the inner controller gives none."""
+
+
+class _Accepted(NamedTuple):
+    """Inputs of a sample as the guard takes them."""
+
+    state: _GuardState
+    """State of the guard, with impossible numbers replaced."""
+    intact: jax.Array
+    """Whether the record of doses was intact."""
+    delivered_mU_min: jax.Array
+    counted_mU_min: jax.Array
+    """Rate that is counted, at least the reported one."""
+    counted_bolus_mU: jax.Array | None
+    setpoint_mg_dl: jax.Array
+    readings: ReadingHistory
+    accepted: jax.Array
+    """Whether the reading is accepted."""
+    jump: jax.Array
+    observation: Observation
+    """Observation of the inner controller."""
+    sound: jax.Array
+    """Whether the memory of the inner controller was sound."""
+    inner: Any
+    """State of the inner controller, started again where it was not."""
 
 
 @pytree
@@ -103,6 +139,11 @@ class Guard:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def gives_glucagon(self) -> bool:
+        """Whether the inner controller decides on glucagon."""
+        return gives_glucagon(self.inner)
 
     @property
     def uses(self) -> frozenset[Need]:
@@ -169,36 +210,18 @@ class Guard:
             setpoint_mg_dl=setpoint,
             suspended=jnp.zeros_like(delivered),
             bolus_mU=no_bolus,
+            glucagon=no_glucagon(delivered) if self.gives_glucagon else None,
         )
 
     def step(self, state: _GuardState, observation: Observation) -> tuple[_GuardState, Decision]:
         """Accept or reject each input, let the inner controller decide, and bound its dose."""
         settings, own, every = self.settings, self._own_limits, self.sample_time_min
-        intact = state.doses.agrees(state.command_mU_min, state.bolus_mU)
-        state = self._repaired(state, intact)
-        # A pump that reports nothing is taken to have done as it was asked: so its insulin is not forgotten.
-        reported = observation.delivered_mU_min
-        rate_reported = self._is_rate(reported)
-        delivered = jnp.where(rate_reported, reported, state.command_mU_min)
-        # A report of less than was asked for may be wrong, so that it lowers no count.
-        counted = largest_possible_rate(state.doses, state.command_mU_min, delivered, self.limits.max_change_mU_min)
-        setpoint = self._setpoint(observation, state.setpoint_mg_dl)
-        pushed = jnp.abs(state.doses.on_board) > settings.stuck_on_board
-        readings, accepted, jump = updated_readings(
-            state.readings, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
-        )
-        bolus_since = self._bolus_since(state, observation)
-        counted_bolus = state.bolus_mU
-        if bolus_since is not None and counted_bolus is not None:
-            counted_bolus = jnp.maximum(bolus_since, counted_bolus)
-        clean = _clean(observation, readings, accepted, setpoint, delivered, bolus_since)
-        # A memory that is lost is put right before it is used and not when it is stored: this makes native code faster.
-        heals = getattr(self.inner, "heals", False)
-        sound = jnp.asarray(True) if heals else _all_sound(state.inner, delivered.shape, self._memory_bound)
-        before = state.inner if heals else _where_sound(sound, state.inner, self.inner.init(clean))
-        inner, decision = self.inner.step(before, clean)
+        inputs = self._accepted(state, observation)
+        state, intact, delivered, setpoint = inputs.state, inputs.intact, inputs.delivered_mU_min, inputs.setpoint_mg_dl
+        readings, accepted, clean = inputs.readings, inputs.accepted, inputs.observation
+        inner, decision = self.inner.step(inputs.inner, clean)
         # A controller that put its own memory right says so by this status.
-        sound = sound & jnp.isfinite(decision.insulin_mU_min) & (decision.status != int(Status.NON_FINITE))
+        sound = inputs.sound & jnp.isfinite(decision.insulin_mU_min) & (decision.status != int(Status.NON_FINITE))
         if decision.bolus_mU is not None:
             sound = sound & jnp.isfinite(decision.bolus_mU)
 
@@ -209,7 +232,9 @@ class Guard:
         )
         above = lowest - setpoint
         excess = readings.glucose_mg_dl - setpoint
-        doses = updated_doses(state.doses, counted, counted_bolus, excess, jump, own, settings, every)
+        doses = updated_doses(
+            state.doses, inputs.counted_mU_min, inputs.counted_bolus_mU, excess, inputs.jump, own, settings, every
+        )
         if self.by_schedule:
             basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, delivered.dtype), delivered.shape)
             doses = at_basal(doses, jnp.clip(basal, self.limits.min_mU_min, self.limits.max_mU_min))
@@ -248,6 +273,12 @@ class Guard:
             )
             limited = limited | (requested > bolus)
 
+        glucagon, history = decision.glucagon_ug, state.glucagon
+        if glucagon is not None and history is not None:
+            low = trusted & sound & (readings.glucose_mg_dl < setpoint)
+            glucagon = allowed_glucagon(history, glucagon, low, settings)
+            history = with_glucagon(history, glucagon, every)
+
         status = decision.status
         for holds, kind in (
             (~within, Status.SATURATED),
@@ -267,8 +298,54 @@ class Guard:
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended, 1.0, 0.0).astype(dose.dtype),
             bolus_mU=bolus,
+            glucagon=history,
         )
-        return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus)
+        return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus, glucagon_ug=glucagon)
+
+    def forecast(self, state: _GuardState, observation: Observation) -> DoseForecast | None:
+        """Forecast of the inner controller by the accepted inputs; the guard may give less than it plans."""
+        inputs = self._accepted(state, observation)
+        return forecast_of(self.inner, inputs.inner, inputs.observation)
+
+    def _accepted(self, state: _GuardState, observation: Observation) -> _Accepted:
+        """Accept or reject each input of a sample."""
+        settings, every = self.settings, self.sample_time_min
+        intact = state.doses.agrees(state.command_mU_min, state.bolus_mU)
+        state = self._repaired(state, intact)
+        # A pump that reports nothing is taken to have done as it was asked: so its insulin is not forgotten.
+        reported = observation.delivered_mU_min
+        rate_reported = self._is_rate(reported)
+        delivered = jnp.where(rate_reported, reported, state.command_mU_min)
+        # A report of less than was asked for may be wrong, so that it lowers no count.
+        counted = largest_possible_rate(state.doses, state.command_mU_min, delivered, self.limits.max_change_mU_min)
+        setpoint = self._setpoint(observation, state.setpoint_mg_dl)
+        pushed = jnp.abs(state.doses.on_board) > settings.stuck_on_board
+        readings, accepted, jump = updated_readings(
+            state.readings, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
+        )
+        bolus_since = self._bolus_since(state, observation)
+        counted_bolus = state.bolus_mU
+        if bolus_since is not None and counted_bolus is not None:
+            counted_bolus = jnp.maximum(bolus_since, counted_bolus)
+        clean = _clean(observation, readings, accepted, setpoint, delivered, bolus_since)
+        # A memory that is lost is put right before it is used and not when it is stored: this makes native code faster.
+        heals = getattr(self.inner, "heals", False)
+        sound = jnp.asarray(True) if heals else _all_sound(state.inner, delivered.shape, self._memory_bound)
+        before = state.inner if heals else _where_sound(sound, state.inner, self.inner.init(clean))
+        return _Accepted(
+            state=state,
+            intact=intact,
+            delivered_mU_min=delivered,
+            counted_mU_min=counted,
+            counted_bolus_mU=counted_bolus,
+            setpoint_mg_dl=setpoint,
+            readings=readings,
+            accepted=accepted,
+            jump=jump,
+            observation=clean,
+            sound=sound,
+            inner=before,
+        )
 
     def _repaired(self, state: _GuardState, intact: jax.Array) -> _GuardState:
         """The state with every impossible number replaced, and the record of doses if it is not intact."""
@@ -286,6 +363,7 @@ class Guard:
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
             bolus_mU=None if bolus is None else jnp.where(intact, bolus, largest),
+            glucagon=None if state.glucagon is None else repaired_glucagon(state.glucagon, self.settings),
         )
 
     @property
@@ -379,6 +457,8 @@ def _all_sound(tree: Any, people: tuple[int, ...], bound: float) -> jax.Array:
         else jnp.broadcast_to(jnp.max(jnp.abs(leaf)), (1, *people))
         for leaf in _floats(tree)
     ]
+    if not rows:
+        return jnp.ones(people, bool)
     return jnp.max(jnp.abs(jnp.concatenate(rows)), axis=0) <= bound
 
 
@@ -420,6 +500,8 @@ def guarded(
        window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
        given while insulin is suspended nor on a reading that is not accepted, unless a meal is announced; and none at
        all while a possible reading is low or no reading was accepted for long.
+    8. Glucagon, of a controller that gives it, is cut so that no hour and no 24 hours hold more than their caps; none
+       is given above the setpoint, nor on a reading that is not accepted.
 
     Where a person's own carbohydrate ratio or correction factor is known, ``with_profile`` scales ``B_max``, the cap of
     the hour and ``F`` by it, up to the setting ``profile_span``.

@@ -18,7 +18,7 @@ from glucoloop.control.decision import decide, delivered_since, is_known, rate_a
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import identified_response, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
-from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.protocol import Decision, DoseForecast, Observation
 from glucoloop.control.tuning import DEFAULT_FLOOR_WEIGHT, Constraints, FloorGlucose, FloorWeight, MPCTuning
 from glucoloop.models.step_response import Realisation, StepResponseModel, extended
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -177,19 +177,33 @@ class LinearMPC(MPCTuning, name="mpc"):
 
     def step(self, state: _LinearMPCState, observation: Observation) -> tuple[_LinearMPCState, Decision]:
         """Include the delivered rate and the reading, and decide on one move."""
+        state, known = self._observed(state, observation)
+        delivered, disturbance, ahead = state.insulin_mU_min, state.disturbance_mg_dl, self._ahead(state)
+        error = observation.setpoint_mg_dl - disturbance - ahead
+        move, converged = self.plan.first_move(error, delivered, disturbance + ahead)
+        return state, decide(delivered + move, delivered, self.plan.limits, known, converged)
+
+    def forecast(self, state: _LinearMPCState, observation: Observation) -> DoseForecast:
+        """Forecast of readings by the model, to the prediction horizon, under all planned moves."""
+        state, _ = self._observed(state, observation)
+        error = observation.setpoint_mg_dl - state.disturbance_mg_dl - self._ahead(state)
+        free = state.disturbance_mg_dl + state.free_response[: self.gain.shape[0] + 1]
+        return self.plan.forecast(error, state.insulin_mU_min, free, self.step_response, self.sample_time_min)
+
+    def _observed(self, state: _LinearMPCState, observation: Observation) -> tuple[_LinearMPCState, jax.Array]:
+        """State with the delivered rate and the reading, and whether there is one."""
         # The pump's word, not our command: what it clipped must not wind up in the prediction.
         delivered = delivered_since(observation, state.insulin_mU_min)
         free, residual = self._after_move(state, delivered - state.insulin_mU_min)
         known = is_known(observation)
         disturbance = jnp.where(known, observation.glucose_mg_dl - free[0], state.disturbance_mg_dl)
-
-        ahead = free[1 : self.gain.shape[0] + 1]
-        error = observation.setpoint_mg_dl - disturbance - ahead
-        move, converged = self.plan.first_move(error, delivered, disturbance + ahead)
-        state = _LinearMPCState(
+        return _LinearMPCState(
             free_response=free, disturbance_mg_dl=disturbance, insulin_mU_min=delivered, residual=residual
-        )
-        return state, decide(delivered + move, delivered, self.plan.limits, known, converged)
+        ), known
+
+    def _ahead(self, state: _LinearMPCState) -> jax.Array:
+        """Free response ``(p, ...)`` at the samples ahead."""
+        return state.free_response[1 : self.gain.shape[0] + 1]
 
     def _after_move(self, state: _LinearMPCState, move: jax.Array) -> tuple[jax.Array, jax.Array | None]:
         """Free response one sample on, with a move made at the last sample, and what comes after it.

@@ -31,7 +31,7 @@ from glucoloop.control.decision import (
     with_rescue,
 )
 from glucoloop.control.part import CarbRatio, CorrectionFactor, MealShare, OfPerson
-from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.protocol import Decision, DoseForecast, Observation
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import INSULINS, Profile, insulin_left
@@ -288,7 +288,7 @@ class LoopLike(OfPerson, name="loop-like"):
         """Include what was read and delivered, and correct the forecast."""
         state = self.observed(state, observation)
         carbs_g, basal = announced_carbs(observation), jnp.asarray(self.basal_mU_min)
-        units, highest, spare = self._correction(self.forecast(state), target_mg_dl(observation))
+        units, highest, spare = self._correction(self.glucose_ahead(state), target_mg_dl(observation))
         recent = state.stale_min < _RECENT_MIN
         limit_U = 2.0 * self.max_bolus_U - jnp.sum(state.acting_U, axis=0)
         for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), carbs_g / self.carbs_per_U)
@@ -308,6 +308,15 @@ class LoopLike(OfPerson, name="loop-like"):
         bolus = jnp.clip(jnp.where(jnp.isfinite(bolus), bolus, 0.0), 0.0, self.bolus.max_mU)
         decision = decide(rate, state.rate_mU_min, self.limits, is_known(observation))
         return dataclasses.replace(state, requested_mU=bolus), dataclasses.replace(decision, bolus_mU=bolus)
+
+    def forecast(self, state: _LoopLikeState, observation: Observation) -> DoseForecast:
+        """Forecast until all insulin has acted, under the basal rate, which the dose is to correct."""
+        glucose = self.glucose_ahead(self.observed(state, observation))
+        return DoseForecast(
+            ahead_min=self.sample_time_min * jnp.arange(self.horizon + 1.0),
+            glucose_mg_dl=glucose,
+            insulin_mU_min=jnp.broadcast_to(jnp.asarray(self.basal_mU_min, glucose.dtype), glucose.shape),
+        )
 
     def observed(self, state: _LoopLikeState, observation: Observation) -> _LoopLikeState:
         """State with a reading, what was delivered since the last sample, and an announced meal."""
@@ -353,7 +362,7 @@ class LoopLike(OfPerson, name="loop-like"):
             requested_mU=state.requested_mU,
         )
 
-    def forecast(self, state: _LoopLikeState) -> jax.Array:
+    def glucose_ahead(self, state: _LoopLikeState) -> jax.Array:
         """Glucose ``(1 + horizon, ...)`` from now on, at each sample: that of now, and the sum of all effects."""
         T, n, glucose = self.sample_time_min, self.horizon, state.readings_mg_dl[0]
         insulin = -self.fall_per_U * state.acting_U

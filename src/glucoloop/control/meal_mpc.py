@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
@@ -33,7 +33,7 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.meal_forecast import Ahead, MealForecast
 from glucoloop.control.part import CAUTION, SensorLag
-from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.protocol import Decision, DoseForecast, Observation
 from glucoloop.control.tuning import MealTuning
 from glucoloop.estimation.unknown_meal import (
     ESTIMATORS,
@@ -96,6 +96,26 @@ class _MealMPCState:
     """Unexplained appearance at steady state, such as a wrong basal rate leaves, from 0: it does not stop at once."""
     to_come: MealsToCome | None = None
     """Announced meals that are still to be eaten; None where observations tell no time of eating."""
+
+
+class _Planned(NamedTuple):
+    """Estimate at a sample, and the plan."""
+
+    state: _MealMPCState
+    """State after the sample."""
+    estimate: MealEstimate
+    """Estimate of the time of the reading."""
+    sound: jax.Array
+    """Whether the estimate can be that of a person."""
+    known: jax.Array
+    delivered_mU_min: jax.Array
+    now: Ahead
+    """Expected state at the sample, from which glucose is forecast."""
+    lasting_mg_min: jax.Array
+    variance: jax.Array
+    """Variance of the readings that the forecasts assume."""
+    moves: jax.Array
+    converged: jax.Array
 
 
 class MealMPC(MealTuning, name="meal-mpc"):
@@ -313,6 +333,28 @@ class MealMPC(MealTuning, name="meal-mpc"):
         self, state: _MealMPCState, observation: Observation
     ) -> tuple[_MealMPCState, Decision, MealEstimate]:
         """Decision of `step`, with the estimate on which the dose rests, of the time of the reading."""
+        planned = self._planned(state, observation)
+        delivered = planned.delivered_mU_min
+        wanted = jnp.where(planned.sound, delivered + planned.moves[0], jnp.nan)
+        decision = decide(wanted, delivered, self.limits, planned.known, planned.converged)
+        return planned.state, decision, planned.estimate
+
+    def forecast(self, state: _MealMPCState, observation: Observation) -> DoseForecast:
+        """Forecast to the prediction horizon under all planned moves, and the cautious one, if a meal ended now."""
+        of = self._planned(state, observation)
+        p, m = self.horizon, self.moves
+        rates = of.delivered_mU_min + jnp.cumsum(jnp.concatenate([of.moves, jnp.zeros(p - m)]))
+        expected, cautious = self._forecast().glucose_mg_dl(of.now, of.lasting_mg_min, of.variance, rates)
+        now = self.model.glucose_mg_dl(of.now.x)
+        return DoseForecast(
+            ahead_min=self.sample_time_min * jnp.arange(p + 1.0),
+            glucose_mg_dl=jnp.append(now, expected),
+            insulin_mU_min=jnp.append(rates, rates[-1]),
+            others_mg_dl={"cautious": jnp.append(now, cautious)},
+        )
+
+    def _planned(self, state: _MealMPCState, observation: Observation) -> _Planned:
+        """Estimate the state at the time of the reading, predict to this sample, and plan."""
         known = is_known(observation)
         delivered = delivered_since(observation, state.delivered_mU_min[-1])
         rates = jnp.append(state.delivered_mU_min[1:], delivered)
@@ -332,8 +374,9 @@ class MealMPC(MealTuning, name="meal-mpc"):
         forecast = self._forecast()
         now = forecast.to_this_sample(unexpected, rates[1:], announced[1:])
         lasting = self._learned(state.lasting_mg_min, estimate, observation.setpoint_mg_dl, known)
+        variance = self.R + unexpected.noise_mg_dl**2
         moves, converged = self._plan(
-            forecast, now, unexpected, lasting, state.planned, observation.setpoint_mg_dl, delivered
+            forecast, now, unexpected, variance, lasting, state.planned, observation.setpoint_mg_dl, delivered
         )
 
         fresh = self.init(observation)
@@ -351,8 +394,7 @@ class MealMPC(MealTuning, name="meal-mpc"):
             lasting_mg_min=jnp.where(sound, lasting, 0.0),
             to_come=to_come,
         )
-        wanted = jnp.where(sound, delivered + moves[0], jnp.nan)
-        return state, decide(wanted, delivered, self.limits, known, converged), estimate
+        return _Planned(state, estimate, sound, known, delivered, now, lasting, variance, moves, converged)
 
     def _learned(self, lasting: jax.Array, estimate: MealEstimate, setpoint: jax.Array, known: jax.Array) -> jax.Array:
         """The lasting appearance a sample later, which nears the unexplained one while the person is at steady state.
@@ -387,6 +429,7 @@ class MealMPC(MealTuning, name="meal-mpc"):
         forecast: MealForecast,
         now: Ahead,
         estimate: MealEstimate,
+        variance: jax.Array,
         lasting: jax.Array,
         moves: jax.Array,
         setpoint: jax.Array,
@@ -395,7 +438,6 @@ class MealMPC(MealTuning, name="meal-mpc"):
         """Moves that improve the given ones, and whether they are the minimiser of the last quadratic program."""
         m, p = self.moves, self.horizon
         uncertain = jnp.sqrt(estimate.eating * (1.0 - estimate.eating) + _LASTING_DOUBT)
-        variance = self.R + estimate.noise_mg_dl**2
         low_mg_dl = setpoint - self.caution_mg_dl * _CAUTIOUS_VARIANCE / (variance + _CAUTIOUS_VARIANCE)
         weight = jnp.concatenate([jnp.full(p, self.caution_weight * uncertain), jnp.full(p, self.floor_weight)])
         least = jnp.concatenate([jnp.full(p, low_mg_dl), jnp.full(p, self.glucose_floor_mg_dl)])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
@@ -18,7 +18,7 @@ from glucoloop.control.decision import decide, delivered_since, is_known, is_of_
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import linear_response, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
-from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.protocol import Decision, DoseForecast, Observation
 from glucoloop.control.tuning import (
     DEFAULT_FLOOR_WEIGHT,
     Constraints,
@@ -47,6 +47,21 @@ class _MPCSEState:
     """Rate delivered before this sample."""
     sensor: SensorError | None = None
     """Correlated error of the sensor, where its size is learned."""
+
+
+class _Observed(NamedTuple):
+    """Estimate at a sample, and glucose ahead as deviations from that of the model."""
+
+    known: jax.Array
+    delivered_mU_min: jax.Array
+    rate_mU_min: jax.Array
+    """The delivered rate as a deviation."""
+    estimate: jax.Array
+    sensor: SensorError | None
+    error_mg_dl: jax.Array
+    """(p, ...) reference less the free response."""
+    free_mg_dl: jax.Array
+    """(p, ...) free response."""
 
 
 @pytree
@@ -139,6 +154,7 @@ class MPCSE(FilterTuning, name="mpc-se"):
     """(n,) output row of the sensor, or None where it reads glucose."""
     learning: _NoiseLearning | None = wired(DATA, default=None)
     """Filters by the size of a correlated error of the sensor, which is learned; None for noise as it is told."""
+    dead_time_samples: int = wired(STATIC, default=0)
     sample_time_min: float = wired(STATIC, default=5.0)
 
     def designed(self, case: DesignCase) -> MPCSE:
@@ -251,6 +267,7 @@ class MPCSE(FilterTuning, name="mpc-se"):
             ),
             basal_mU_min=basal_mU_min,
             basal_glucose_mg_dl=basal_glucose_mg_dl,
+            dead_time_samples=dead_time_samples,
             sample_time_min=sample_time_min,
         )
         return controller
@@ -294,6 +311,31 @@ class MPCSE(FilterTuning, name="mpc-se"):
 
     def step(self, state: _MPCSEState, observation: Observation) -> tuple[_MPCSEState, Decision]:
         """Carry the estimate to this sample, correct it by the reading, plan, and make the first move."""
+        seen = self._observed(state, observation)
+        delivered, estimate, sensor = seen.delivered_mU_min, seen.estimate, seen.sensor
+        move, converged = self.plan.first_move(seen.error_mg_dl, delivered, self.basal_glucose_mg_dl + seen.free_mg_dl)
+
+        # An estimate that no person can have comes back late or never; rest under the present rate is all that is
+        # left to go by.
+        sound = jnp.all(jnp.isfinite(estimate), axis=0) & is_of_a_person(self.basal_glucose_mg_dl + self.C @ estimate)
+        if sensor is not None:
+            sound = sound & sensor.sound
+            sensor = sensor.or_none(sound)
+        estimate = jnp.where(sound, estimate, jnp.multiply.outer(self.rest, seen.rate_mU_min))
+        state = _MPCSEState(estimate=estimate, insulin_mU_min=delivered, sensor=sensor)
+        wanted = jnp.where(sound, delivered + move, jnp.nan)
+        return state, decide(wanted, delivered, self.plan.limits, seen.known, converged)
+
+    def forecast(self, state: _MPCSEState, observation: Observation) -> DoseForecast:
+        """Forecast to the prediction horizon under all planned moves; that of readings where they have a dead time."""
+        seen = self._observed(state, observation)
+        now = self.C @ seen.estimate
+        free = self.basal_glucose_mg_dl + jnp.concatenate([now[None], seen.free_mg_dl])
+        response = jnp.concatenate([jnp.zeros(self.dead_time_samples), self.free_input])
+        return self.plan.forecast(seen.error_mg_dl, seen.delivered_mU_min, free, response, self.sample_time_min)
+
+    def _observed(self, state: _MPCSEState, observation: Observation) -> _Observed:
+        """Carry the estimate to this sample, correct it by the reading, and predict under the delivered rate."""
         delivered = delivered_since(observation, state.insulin_mU_min)
         rate = delivered - self.basal_mU_min
         estimate = self.Phi @ state.estimate + jnp.multiply.outer(self.Gamma, rate)
@@ -311,18 +353,7 @@ class MPCSE(FilterTuning, name="mpc-se"):
         reference = target + jnp.multiply.outer(self.reference, self.C @ estimate - target)
         free = self.free_state @ estimate + jnp.multiply.outer(self.free_input, rate)
         free = free + (jnp.multiply.outer(self.free_innovation, innovation) if free_response is None else free_response)
-        move, converged = self.plan.first_move(reference - free, delivered, self.basal_glucose_mg_dl + free)
-
-        # An estimate that no person can have comes back late or never; rest under the present rate is all that is
-        # left to go by.
-        sound = jnp.all(jnp.isfinite(estimate), axis=0) & is_of_a_person(self.basal_glucose_mg_dl + self.C @ estimate)
-        if sensor is not None:
-            sound = sound & sensor.sound
-            sensor = sensor.or_none(sound)
-        estimate = jnp.where(sound, estimate, jnp.multiply.outer(self.rest, rate))
-        state = _MPCSEState(estimate=estimate, insulin_mU_min=delivered, sensor=sensor)
-        wanted = jnp.where(sound, delivered + move, jnp.nan)
-        return state, decide(wanted, delivered, self.plan.limits, known, converged)
+        return _Observed(known, delivered, rate, estimate, sensor, reference - free, free)
 
     def _learn(
         self, learning: _NoiseLearning, sensor: SensorError, residual: jax.Array, known: jax.Array

@@ -7,7 +7,7 @@ dynamic matrix control with state estimation", Ind. Eng. Chem. Res. 31, 1992.
 from __future__ import annotations
 
 from dataclasses import KW_ONLY
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
@@ -17,8 +17,15 @@ from glucoloop.component.setting import default_by_noise
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import response_at_rest, suited
-from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
-from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.planning import (
+    GlucoseFloor,
+    dynamic_matrix,
+    forecast_of_moves,
+    glucose_floor,
+    minimise_above,
+    minimise_within,
+)
+from glucoloop.control.protocol import Decision, DoseForecast, Observation
 from glucoloop.control.tuning import (
     DEFAULT_FLOOR_WEIGHT,
     FilterTuning,
@@ -49,6 +56,22 @@ class _NLQDMCState:
     """Rate delivered before this sample."""
     sensor: SensorError | None = None
     """Correlated error of the sensor, where its size is learned."""
+
+
+class _Planned(NamedTuple):
+    """Estimate at a sample, and the plan."""
+
+    known: jax.Array
+    delivered_mU_min: jax.Array
+    estimate: jax.Array
+    covariance: jax.Array
+    sensor: SensorError | None
+    free_mg_dl: jax.Array
+    """(p,) free response."""
+    response: jax.Array
+    """(p, m) dynamic matrix."""
+    moves: jax.Array
+    converged: jax.Array
 
 
 class NLQDMC(FilterTuning, name="nlqdmc-se"):
@@ -207,6 +230,30 @@ class NLQDMC(FilterTuning, name="nlqdmc-se"):
 
     def step(self, state: _NLQDMCState, observation: Observation) -> tuple[_NLQDMCState, Decision]:
         """Carry the estimate to this sample, linearise there, correct by the reading, plan, and make the first move."""
+        planned = self._planned(state, observation)
+        x, delivered, sensor = planned.estimate, planned.delivered_mU_min, planned.sensor
+        # An estimate that no person can have may never come back; the operating point is all that is left to go by.
+        sound = jnp.all(jnp.isfinite(x)) & is_of_a_person(self.model.glucose_mg_dl(x))
+        if sensor is not None:
+            sound = sound & sensor.sound
+            sensor = sensor.or_none(sound)
+        state = _NLQDMCState(
+            estimate=jnp.where(sound, x, self.model.state),
+            covariance=jnp.where(sound, planned.covariance, self.covariance),
+            insulin_mU_min=delivered,
+            sensor=sensor,
+        )
+        wanted = jnp.where(sound, delivered + planned.moves[0], jnp.nan)
+        return state, decide(wanted, delivered, self.limits, planned.known, planned.converged)
+
+    def forecast(self, state: _NLQDMCState, observation: Observation) -> DoseForecast:
+        """Forecast to the prediction horizon under all planned moves; that of readings where they have a dead time."""
+        of = self._planned(state, observation)
+        free = jnp.append(self.model.glucose_mg_dl(of.estimate), of.free_mg_dl)
+        return forecast_of_moves(of.moves, of.response, free, of.delivered_mU_min, self.limits, self.sample_time_min)
+
+    def _planned(self, state: _NLQDMCState, observation: Observation) -> _Planned:
+        """Carry the estimate to this sample, linearise there, correct by the reading, and plan."""
         delivered = delivered_since(observation, state.insulin_mU_min)
         rate = delivered - self.beyond_model_mU_min
         x = self.model.advance(state.estimate, rate)
@@ -242,24 +289,11 @@ class NLQDMC(FilterTuning, name="nlqdmc-se"):
         hessian = A.T @ A + (self.Gamma_u**2 + 1.0 - self.planned) * jnp.eye(self.moves)
         gradient = -A.T @ (weight * (reference - free))
         if self.floor is None:
-            move, converged = minimise_within(hessian, gradient, delivered, self.limits)
+            moves, converged = minimise_within(hessian, gradient, delivered, self.limits)
         else:
             response = response * self.planned
-            move, converged = minimise_above(self.floor, hessian, gradient, response, free, delivered, self.limits)
-
-        # An estimate that no person can have may never come back; the operating point is all that is left to go by.
-        sound = jnp.all(jnp.isfinite(x)) & is_of_a_person(glucose(x))
-        if sensor is not None:
-            sound = sound & sensor.sound
-            sensor = sensor.or_none(sound)
-        state = _NLQDMCState(
-            estimate=jnp.where(sound, x, self.model.state),
-            covariance=jnp.where(sound, covariance, self.covariance),
-            insulin_mU_min=delivered,
-            sensor=sensor,
-        )
-        wanted = jnp.where(sound, delivered + move, jnp.nan)
-        return state, decide(wanted, delivered, self.limits, known, converged)
+            moves, converged = minimise_above(self.floor, hessian, gradient, response, free, delivered, self.limits)
+        return _Planned(known, delivered, x, covariance, sensor, free, response, moves, converged)
 
     def _learn(
         self,

@@ -14,11 +14,14 @@ from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import (
     Controller,
     Decision,
+    DoseForecast,
     Observation,
     Status,
     computed_settings,
     draws,
+    forecast_of,
     gives_boluses,
+    gives_glucagon,
     uses_of,
 )
 from glucoloop.refusal import Refusal
@@ -63,6 +66,11 @@ class Paced:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def gives_glucagon(self) -> bool:
+        """Whether the inner controller decides on glucagon."""
+        return gives_glucagon(self.inner)
 
     @property
     def uses(self) -> frozenset[Need]:
@@ -116,8 +124,7 @@ class Paced:
 
     def step(self, state: _PacedState, observation: Observation) -> tuple[_PacedState, Decision]:
         """Let the inner controller act where it is due, or hold its rate and give no bolus."""
-        gathered = state.gathered + 1.0
-        due = ~(gathered < self.samples)  # also where the number was lost
+        gathered, due = self._due(state)
         in_min = self._first_eaten_in(state, observation)
         seen = self._since(state, observation, gathered, in_min)
         inner, decision = self.inner.step(state.inner, seen)
@@ -141,7 +148,25 @@ class Paced:
             rescue_g=acted(None if state.rescue_g is None else zero, seen.rescue_carbs_g),
             in_min=None if in_min is None else jnp.where(due, jnp.inf, in_min),
         )
-        return state, Decision(insulin_mU_min=insulin, status=status, bolus_mU=acted(decision.bolus_mU, no_bolus))
+        no_glucagon = None if decision.glucagon_ug is None else zero
+        return state, Decision(
+            insulin_mU_min=insulin,
+            status=status,
+            bolus_mU=acted(decision.bolus_mU, no_bolus),
+            glucagon_ug=acted(decision.glucagon_ug, no_glucagon),
+        )
+
+    def forecast(self, state: _PacedState, observation: Observation) -> DoseForecast | None:
+        """Forecast of the inner controller where it acts, and NaN between."""
+        gathered, due = self._due(state)
+        seen = self._since(state, observation, gathered, self._first_eaten_in(state, observation))
+        forecast = forecast_of(self.inner, state.inner, seen)
+        return jax.tree.map(lambda numbers: jnp.where(due, numbers, jnp.nan), forecast)  # type: ignore[no-any-return]
+
+    def _due(self, state: _PacedState) -> tuple[jax.Array, jax.Array]:
+        """Number of observations since the inner controller acted, and whether it acts at this one."""
+        gathered = state.gathered + 1.0
+        return gathered, ~(gathered < self.samples)  # also where the number was lost
 
     def _first_eaten_in(self, state: _PacedState, observation: Observation) -> jax.Array | None:
         """Time until the first meal is eaten of those announced since the inner controller acted, or infinity."""
@@ -182,7 +207,7 @@ def paced(controller: Controller, sample_time_min: float) -> Controller:
     The controller acts at the first sample of the loop and then each time that its own sample time has passed. It is
     told of the newest valid reading since it acted, the mean of the rates that the pump reported, the sum of the
     boluses, and the sum of the announced carbohydrate, with the time at which the first of it is eaten. Between, its
-    rate and its status hold, and no bolus is given.
+    rate and its status hold, and neither a bolus nor glucagon is given.
 
     Parameters
     ----------

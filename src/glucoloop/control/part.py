@@ -19,6 +19,7 @@ from glucoloop.component.effects import (
     BOLUSES,
     CHANCE,
     DOSES_BY_PROFILE,
+    FORECASTS,
     INDIVIDUAL,
     MEALS,
     MEALS_ANNOUNCED,
@@ -148,10 +149,15 @@ class ControllerComponent(PytreeComponent):
         return {name: default.noise_free for name, default in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
 
     def uses(self) -> frozenset[Need]:
-        """Needs that a controller with these settings meets; boluses and a design for each person are two of them."""
+        """Needs that a controller with these settings meets; boluses and a design for each person are two of them.
+
+        One whose class is not the controller itself may make forecasts, and so may have a use for them.
+        """
+        forecasts = frozenset({FORECASTS} if hasattr(self, "forecast") or not hasattr(self, "step") else ())
         boluses = frozenset({BOLUSES}) if self.gives_boluses else frozenset()
         floor = frozenset({FLOOR} if getattr(self, "glucose_floor_mg_dl", 0.0) else ())
-        return self.used | boluses | floor | (frozenset() if self.individual is None else frozenset({INDIVIDUAL}))
+        individual = frozenset(() if self.individual is None else {INDIVIDUAL})
+        return self.used | boluses | floor | individual | forecasts
 
     def designed(self, case: Any) -> Any:
         """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX.

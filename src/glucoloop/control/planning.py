@@ -11,6 +11,7 @@ from typing import Any, Final
 from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
+from glucoloop.control.protocol import DoseForecast
 from glucoloop.control.tuning import MPCTuning
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.qp.moves_qp import minimise_moves
@@ -29,7 +30,7 @@ def dynamic_matrix(step_response: jax.Array, moves: int, horizon: int) -> jax.Ar
 def minimise_within(
     hessian: jax.Array, gradient: jax.Array, delivered_mU_min: jax.Array, limits: DoseLimits
 ) -> tuple[jax.Array, jax.Array]:
-    """First of the moves that minimise ``du' H du / 2 + g' du`` within the pump's limits, and whether it is exact."""
+    """Moves ``(m, ...)`` that minimise ``du' H du / 2 + g' du`` within the pump's limits, and whether it is exact."""
     solution = minimise_moves(
         hessian,
         gradient,
@@ -38,7 +39,7 @@ def minimise_within(
         u_min=limits.min_mU_min,
         u_max=limits.max_mU_min,
     )
-    return solution.moves[0], solution.converged
+    return solution.moves, solution.converged
 
 
 @pytree
@@ -86,7 +87,32 @@ def minimise_above(
         u_min=limits.min_mU_min,
         u_max=limits.max_mU_min,
     )
-    return solution.moves[0], solution.converged
+    return solution.moves, solution.converged
+
+
+def forecast_of_moves(
+    moves: jax.Array,
+    response: jax.Array,
+    free_mg_dl: jax.Array,
+    delivered_mU_min: jax.Array,
+    limits: DoseLimits,
+    sample_time_min: float,
+) -> DoseForecast:
+    """Forecast under planned moves ``(m, ...)``, whose rates the pump's limits cut one by one as they do the first.
+
+    `response` is the dynamic matrix ``(p, m)``, and `free_mg_dl` the glucose ``(p + 1, ...)`` if the rate stays as it
+    is, from now on.
+    """
+    rates: list[jax.Array] = []
+    for planned in delivered_mU_min + jnp.cumsum(moves, axis=0):
+        rates.append(limits.clip(planned, rates[-1] if rates else delivered_mU_min))
+    allowed = jnp.diff(jnp.stack([delivered_mU_min, *rates]), axis=0)
+    points = free_mg_dl.shape[0]
+    return DoseForecast(
+        ahead_min=sample_time_min * jnp.arange(points),
+        glucose_mg_dl=free_mg_dl.at[1:].add(response @ allowed),
+        insulin_mU_min=jnp.stack(rates + rates[-1:] * (points - len(rates))),
+    )
 
 
 @pytree
@@ -113,6 +139,29 @@ class MovePlan:
         The error ``(p, ...)`` is the reference less the free response, which a plan with a floor needs as glucose
         itself too.
         """
+        minimiser = self._minimiser(error_mg_dl, delivered_mU_min, predicted_mg_dl)
+        if minimiser is not None:
+            return minimiser[0][0], minimiser[1]
+        return self.gain @ error_mg_dl, jnp.ones(jnp.shape(delivered_mU_min), bool)
+
+    def forecast(
+        self,
+        error_mg_dl: jax.Array,
+        delivered_mU_min: jax.Array,
+        free_mg_dl: jax.Array,
+        step_response: jax.Array,
+        sample_time_min: float,
+    ) -> DoseForecast:
+        """Forecast under all planned moves; `free_mg_dl` is ``(p + 1, ...)``, as for `forecast_of_moves`."""
+        minimiser = self._minimiser(error_mg_dl, delivered_mU_min, free_mg_dl[1:])
+        moves = jnp.linalg.solve(self.hessian, -self.gradient @ error_mg_dl) if minimiser is None else minimiser[0]
+        response = dynamic_matrix(step_response, *self.gradient.shape)
+        return forecast_of_moves(moves, response, free_mg_dl, delivered_mU_min, self.limits, sample_time_min)
+
+    def _minimiser(
+        self, error_mg_dl: jax.Array, delivered_mU_min: jax.Array, predicted_mg_dl: jax.Array | None
+    ) -> tuple[jax.Array, jax.Array] | None:
+        """Moves within the limits, and whether they are exact; None where the closed form is asked for."""
         if self.floor is not None and self.response is not None and predicted_mg_dl is not None:
             gradient = self.gradient @ error_mg_dl
             return minimise_above(
@@ -120,7 +169,7 @@ class MovePlan:
             )
         if self.constraints == "qp":
             return minimise_within(self.hessian, self.gradient @ error_mg_dl, delivered_mU_min, self.limits)
-        return self.gain @ error_mg_dl, jnp.ones(jnp.shape(delivered_mU_min), bool)
+        return None
 
     def padded(self, moves: int, horizon: int) -> MovePlan:
         """The same plan with room for more moves and more samples, none of which has any weight."""

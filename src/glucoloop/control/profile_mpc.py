@@ -12,7 +12,7 @@ import dataclasses
 import itertools
 import math
 from dataclasses import KW_ONLY
-from typing import Annotated, Any, ClassVar, Final, Self
+from typing import Annotated, Any, ClassVar, Final, NamedTuple, Self
 
 from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
@@ -32,7 +32,7 @@ from glucoloop.control.decision import (
 )
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.part import ByProfile, SensorLag
-from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.protocol import Decision, DoseForecast, Observation
 from glucoloop.estimation.fed_filter import SAMPLE_MIN, FedEstimate, FedFilter, Learning
 from glucoloop.estimation.noise_level import CORRELATION
 from glucoloop.models.nonlinear import Equations
@@ -81,6 +81,21 @@ class _ForecastSteps:
     """(p, m) 1 where a step lies in a block."""
     block_min: Any
     """(m,) lengths of the blocks."""
+
+
+class _Planned(NamedTuple):
+    """Estimate at a sample, and the plan."""
+
+    known: jax.Array
+    delivered_mU_min: jax.Array
+    estimate: FedEstimate
+    to_come: MealsToCome | None
+    eats: jax.Array
+    """Whether a meal is announced at this sample."""
+    plan_mU_min: jax.Array
+    """(m,) rates of the blocks, the first of which takes a bolus."""
+    sound: jax.Array
+    """Whether the estimate can be that of a person, and there is a plan."""
 
 
 class ProfileMPC(ByProfile, name="profile-mpc"):
@@ -220,7 +235,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     _: KW_ONLY
     model: ProfiledModel = wired(DATA, default=None)
     filter: FedFilter = wired(DATA, default=None)
-    forecast: _ForecastSteps = wired(DATA, default=None)
+    ahead: _ForecastSteps = wired(DATA, default=None)
     costs: OneSided = wired(DATA, default=None)
     limits: DoseLimits = wired(DATA, default=PARKER_1999_LIMITS)
     bolus: BolusLimits = wired(DATA, default=DEFAULT_BOLUS_LIMITS)
@@ -287,8 +302,8 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     ) -> Self:
         """The controller on a model of a person."""
         sample = model.nominal.sample_time_min
-        forecast = forecast_of(model, sample)
-        minutes = np.asarray(forecast.step.minutes)
+        ahead = steps_ahead(model, sample)
+        minutes = np.asarray(ahead.step.minutes)
         controller: Self = self.made(
             model=model,
             filter=FedFilter(
@@ -307,7 +322,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
                 fed=model.fed_states(),
                 learning=learning,
             ),
-            forecast=forecast,
+            ahead=ahead,
             costs=OneSided(
                 weight=jnp.asarray(minutes),
                 straight_beyond=self.straight_beyond_mg_dl,
@@ -343,7 +358,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         )
         return _ProfileMPCState(
             estimate=self.filter.init(self.model),
-            plan_mU_min=jnp.ones(self.forecast.block_min.shape[0]) * self.model.basal_mU_min,
+            plan_mU_min=jnp.ones(self.ahead.block_min.shape[0]) * self.model.basal_mU_min,
             requested_mU_min=delivered,
             requested_bolus_mU=jnp.zeros_like(delivered),
             to_come=no_meals_to_come(observation),
@@ -351,6 +366,39 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
 
     def step(self, state: _ProfileMPCState, observation: Observation) -> tuple[_ProfileMPCState, Decision]:
         """Carry the estimate to this sample, correct it by the reading, hear of a meal, plan, and dose."""
+        planned = self._planned(state, observation)
+        plan, eats, sound = planned.plan_mU_min, planned.eats, planned.sound
+        # What the plan wants now and not later is a bolus, if the pump can give one so small.
+        at_once = (plan[0] - plan[1]) * self.sample_time_min >= self.bolus.min_mU
+        rate = jnp.where((eats | self.automatic_boluses) & at_once, jnp.minimum(plan[0], plan[1]), plan[0])
+        decision = decide(jnp.where(sound, rate, jnp.nan), planned.delivered_mU_min, self.limits, planned.known)
+        rest = (plan[0] - decision.insulin_mU_min) * self.sample_time_min
+        wanted = jnp.clip(jnp.where((eats | self.automatic_boluses) & sound, rest, 0.0), 0.0, self.bolus.max_mU)
+        state = _ProfileMPCState(
+            estimate=planned.estimate,
+            plan_mU_min=plan,
+            requested_mU_min=decision.insulin_mU_min,
+            requested_bolus_mU=wanted,
+            to_come=planned.to_come,
+        )
+        return state, dataclasses.replace(decision, bolus_mU=wanted)
+
+    def forecast(self, state: _ProfileMPCState, observation: Observation) -> DoseForecast:
+        """Forecast over eight hours under the planned rates, the first with its bolus, and the cautious one."""
+        planned = self._planned(state, observation)
+        estimate, plan = planned.estimate, planned.plan_mU_min
+        later, doubted_later = self._later(estimate, planned.to_come)
+        now = self.model.glucose_mg_dl(estimate.x)
+        rates = self.ahead.of_block @ plan
+        return DoseForecast(
+            ahead_min=jnp.append(0.0, jnp.cumsum(self.ahead.step.minutes)),
+            glucose_mg_dl=jnp.append(now, self._glucose(estimate, later, plan)),
+            insulin_mU_min=jnp.append(rates, rates[-1]),
+            others_mg_dl={"cautious": jnp.append(now, self._glucose(self._doubted(estimate), doubted_later, plan))},
+        )
+
+    def _planned(self, state: _ProfileMPCState, observation: Observation) -> _Planned:
+        """Carry the estimate to this sample, correct it by the reading, hear of a meal, and plan."""
         known = is_known(observation)
         delivered = delivered_since(observation, state.requested_mU_min)
         bolus = self._delivered_bolus(state, observation)
@@ -371,37 +419,25 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         # An estimate may be finite and so far from any person, as after an absurd report of the pump, that no plan is.
         planned = jnp.all(jnp.isfinite(plan))
         estimate = jax.tree.map(lambda present, new: jnp.where(planned, present, new), estimate, fresh.estimate)
-        sound, plan = sound & planned, jnp.where(planned, plan, fresh.plan_mU_min)
-        # What the plan wants now and not later is a bolus, if the pump can give one so small.
-        at_once = (plan[0] - plan[1]) * self.sample_time_min >= self.bolus.min_mU
-        rate = jnp.where((eats | self.automatic_boluses) & at_once, jnp.minimum(plan[0], plan[1]), plan[0])
-        decision = decide(jnp.where(sound, rate, jnp.nan), delivered, self.limits, known)
-        rest = (plan[0] - decision.insulin_mU_min) * self.sample_time_min
-        wanted = jnp.clip(jnp.where((eats | self.automatic_boluses) & sound, rest, 0.0), 0.0, self.bolus.max_mU)
-        state = _ProfileMPCState(
-            estimate=estimate,
-            plan_mU_min=plan,
-            requested_mU_min=decision.insulin_mU_min,
-            requested_bolus_mU=wanted,
-            to_come=to_come,
-        )
-        return state, dataclasses.replace(decision, bolus_mU=wanted)
+        plan = jnp.where(planned, plan, fresh.plan_mU_min)
+        return _Planned(known, delivered, estimate, to_come, eats, plan, sound & planned)
 
     def _delivered_bolus(self, state: _ProfileMPCState, observation: Observation) -> jax.Array:
         """Bolus since the last sample: the reported one, or the one asked for if the report is impossible."""
         word, requested = observation.delivered_bolus_mU, state.requested_bolus_mU
         return requested if word is None else jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, requested)
 
-    def _later(self, estimate: FedEstimate, to_come: MealsToCome | None) -> jax.Array | None:
-        """Mean appearance ``(p,)`` in the steps ahead of meals that are still to be eaten, or None for none."""
+    def _later(self, estimate: FedEstimate, to_come: MealsToCome | None) -> tuple[jax.Array | None, jax.Array | None]:
+        """Mean appearance ``(p,)`` in the steps ahead of meals that are still to be eaten, expected and cautious."""
         if to_come is None:
-            return None
-        minutes = self.forecast.step.minutes
+            return None, None
+        minutes = self.ahead.step.minutes
         ends = jnp.concatenate([jnp.zeros(1), jnp.cumsum(minutes)])
         eaten_for = jnp.maximum(ends[:, None] - to_come.in_min, 0.0)
         appeared = self.filter.gut_of(estimate).appeared(eaten_for) @ (MG_PER_G * to_come.carbs_g)
         flux: jax.Array = jnp.diff(appeared) / minutes
-        return flux
+        sure = jnp.maximum(1.0 - self.doubt * self.filter.counting_error, 0.0)
+        return flux, sure * flux
 
     def _glucose(self, estimate: FedEstimate, later_mg_min: jax.Array | None, plan: jax.Array) -> jax.Array:
         """Glucose ``(p,)`` at the ends of the steps ahead, under a plan, with the appearance of meals to come."""
@@ -420,7 +456,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
             return (x, gut.after(content, h), left * disturbance), self.model.glucose_mg_dl(x)
 
         start = estimate.x, estimate.gut_mg, estimate.disturbance_mg_min
-        glucose: jax.Array = jax.lax.scan(one, start, (self.forecast.step, self.forecast.of_block, later_mg_min))[1]
+        glucose: jax.Array = jax.lax.scan(one, start, (self.ahead.step, self.ahead.of_block, later_mg_min))[1]
         return glucose
 
     def _doubted(self, estimate: FedEstimate) -> FedEstimate:
@@ -443,10 +479,8 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
     ) -> jax.Array:
         """Rates ``(m,)`` of the blocks, the first of which takes a bolus with a meal."""
         doubted, basal = self._doubted(estimate), self.model.basal_mU_min
-        later = self._later(estimate, to_come)
-        sure = jnp.maximum(1.0 - self.doubt * self.filter.counting_error, 0.0)
-        doubted_later = None if later is None else sure * later
-        blocks = self.forecast.block_min
+        later, doubted_later = self._later(estimate, to_come)
+        blocks = self.ahead.block_min
         change, highest, lowest = self.limits.max_change_mU_min, self.limits.max_mU_min, self.limits.min_mU_min
         up = jnp.where(
             eats | self.automatic_boluses,
@@ -483,7 +517,7 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         return plan
 
 
-def forecast_of(model: ProfiledModel, sample_time_min: float) -> _ForecastSteps:
+def steps_ahead(model: ProfiledModel, sample_time_min: float) -> _ForecastSteps:
     """Steps over blocks that end with samples."""
     ends = [0.0]
     for wanted in (sample_time_min, *_BLOCK_ENDS_MIN):

@@ -128,6 +128,45 @@ class Decision:
     """Insulin given at once, beside the basal rate; 0 for none at this sample, and None from a controller without
     boluses. A controller with boluses has ``gives_boluses = True``.
     """
+    glucagon_ug: jax.Array | None = None
+    """Glucagon that is given from this sample to the next, by the second route of the pump; 0 for none, and None from a
+    controller without glucagon. One with glucagon has ``gives_glucagon = True``.
+    """
+
+
+def gives_glucagon(controller: object) -> bool:
+    """Whether a controller decides on glucagon too.
+
+    A controller declares it by an attribute ``gives_glucagon``, which a wrapper passes on. All its decisions then hold
+    an amount.
+    """
+    return bool(getattr(controller, "gives_glucagon", False))
+
+
+@pytree
+class DoseForecast:
+    """Forecast on which a decision rests, with the rates under which it is made; times ahead are the leading axis."""
+
+    ahead_min: jax.Array
+    """(points,) times ahead of the sample, from 0 on."""
+    glucose_mg_dl: jax.Array
+    """(points, ...) glucose that the controller expects then."""
+    insulin_mU_min: jax.Array
+    """(points, ...) rate from each of these times to the next, a bolus included: the plan, whose first rate is what the
+    controller decides on, or for a controller that plans no doses the basal rate.
+    """
+    others_mg_dl: dict[str, jax.Array] | None = None
+    """Further forecasts ``(points, ...)`` by name, such as a cautious one; NaN where there is none."""
+
+
+def forecast_of(controller: object, state: Any, observation: Observation) -> DoseForecast | None:
+    """Forecast on which a controller decides at an observation, in the state before it; None if it makes none.
+
+    A controller tells it by a method ``forecast(state, observation)``, which a wrapper passes on.
+    """
+    method = getattr(controller, "forecast", None)
+    result: DoseForecast | None = None if method is None else method(state, observation)
+    return result
 
 
 def gives_boluses(controller: object) -> bool:

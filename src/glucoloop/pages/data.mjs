@@ -23,6 +23,7 @@ const DASHES = [[], [8, 3], [2, 3], [8, 3, 2, 3], [14, 4]];
 const LOOKS = {
   line: { width: 2, opacity: 1 },
   thin: { width: 1.2, opacity: 1 },
+  ahead: { width: 1, opacity: 0.6 },
   asked: { width: 1, opacity: 0.75 },
   stems: { width: 3, opacity: 1 },
 };

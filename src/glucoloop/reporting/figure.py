@@ -15,7 +15,15 @@ from glucoloop.refusal import Refusal
 from glucoloop.reporting import _style
 from glucoloop.reporting._style import GREY, Width
 from glucoloop.reporting.charts import extent
-from glucoloop.reporting.labelled_traces import Bout, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
+from glucoloop.reporting.labelled_traces import (
+    Bout,
+    Floats,
+    PlottedRun,
+    in_view,
+    labelled_runs,
+    limits_passed,
+    values_in_words,
+)
 from glucoloop.simulation import Trace
 from glucoloop.trials.people_run import PeopleRun
 from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
@@ -51,10 +59,11 @@ def plot(
 ) -> Figure:
     """Draw one run, or several of the same scenario over each other.
 
-    Above, glucose free of noise, readings as dots where they differ from it, the setpoint, the bound on glucose, each
-    meal with its carbohydrate, and exercise with its intensity. Below, the delivered rate as steps, boluses as stems on
-    an axis in U, the basal rate, and the pump's limits where they come into view. By default they are drawn as in
-    Parker et al. (1999).
+    Above, glucose free of noise, readings as dots where they differ from it, some of the forecasts as thin lines where
+    the trace has them, the setpoint, the bound on glucose, each meal with its carbohydrate, and exercise with its
+    intensity. Below, the delivered rate as steps, boluses as stems on an axis in U, glucagon as triangles along the
+    upper edge, the basal rate, and the pump's limits where they come into view. By default they are drawn as in Parker
+    et al. (1999).
 
     Parameters
     ----------
@@ -124,6 +133,8 @@ def plot(
         _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
     if any(run.boluses for run in runs):
         _draw_boluses(below, runs, divisor, entries)
+    if any(run.glucagon for run in runs):
+        _draw_glucagon(below, runs, divisor, entries)
     _style.add_legend(figure, entries, width)
     return figure
 
@@ -182,9 +193,15 @@ def _draw_glucose(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entrie
         style = _style.line_style(index)
         t, readings = run.reading_t_min / divisor, run.reading_mg_dl
         axes.plot(t, readings, **dot, markersize=2.5, color=style["color"], alpha=0.55, zorder=2)
+        for times, values in run.forecasts:
+            axes.plot(times / divisor, values, **_style.FORECAST, color=style["color"])
         entries[run.label] = axes.plot(run.fine_t_min / divisor, run.shown_glucose_mg_dl, **style, zorder=3)[0]
     if any(run.reading_t_min.size for run in runs):
         entries["sensor readings"] = Line2D([], [], **dot, markersize=4, color=GREY)
+    every_min = max(run.forecasts_every_min for run in runs)
+    if any(run.forecasts for run in runs):
+        words = f"forecasts, every {every_min:g} min" if every_min else "forecast"
+        entries[words] = Line2D([], [], **_style.FORECAST, color=GREY)
 
 
 def _draw_glucose_limits(
@@ -198,7 +215,10 @@ def _draw_glucose_limits(
         area = axes.axhspan(-1e6, limit, facecolor=GREY, alpha=0.18, linewidth=0, zorder=0)
         entries[f"model not valid, below {limit:.1f} mg/dl"] = area
     levels = [*bounds, *(run.setpoint_mg_dl for run in runs)]
-    low, high = extent(levels, *(part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)))
+    low, high = extent(
+        levels,
+        *(part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl, *in_view(run.forecasts))),
+    )
     axes.set_ylim(low - 0.12 * (high - low), high + 0.05 * (high - low))
 
 
@@ -250,3 +270,21 @@ def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entrie
     right.set_ylabel("Bolus (U)")
     _style.dress_right(right)
     entries["bolus"] = Line2D([], [], color=GREY, linewidth=1.2, marker="o", markersize=3.5)
+
+
+def _draw_glucagon(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
+    """A triangle for each dose along the upper edge, in one row for each run, with the sum in the legend."""
+    total_ug = [sum(amount for _, amount in run.glucagon) for run in runs]
+    for index, run in enumerate(runs):
+        [drawn] = axes.plot(
+            np.array([t for t, _ in run.glucagon]) / divisor,
+            np.full(len(run.glucagon), 0.96 - 0.06 * index),
+            transform=axes.get_xaxis_transform(),
+            linestyle="none",
+            marker="v",
+            markersize=3.5,
+            markeredgewidth=0,
+            color=_style.line_style(index)["color"],
+            zorder=4,
+        )
+    entries[f"glucagon, {' and '.join(f'{total:.0f}' for total in total_ug)} ug in all"] = drawn

@@ -34,6 +34,10 @@ STATUS_WORDS: Final = {
 """Statuses of decisions in words, in the order shown."""
 
 _SAME_MG_DL = 1e-9
+_MAX_FORECASTS: Final = 24
+"""Most forecasts of a picture, at even distances; more would hide one another."""
+_SHOWN_MG_DL: Final = (40.0, 400.0)
+"""Range of a sensor, to which the axis of a picture has room for forecasts; a line beyond it is cut."""
 
 
 class Bout(NamedTuple):
@@ -70,15 +74,32 @@ class PlottedRun:
         differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
         differing = valid & (valid & differs).any()
         self.reading_t_min, self.reading_mg_dl = sample_t_min[differing], reading[differing]
-        # times in min, with U of insulin or g of carbohydrate
+        # times in min, with U of insulin, ug of glucagon or g of carbohydrate
         self.boluses = _above_zero(self.t_min, trace.bolus_mU, MU_PER_U)
         self.command_boluses = _above_zero(self.t_min, trace.command_bolus_mU, MU_PER_U)
+        self.glucagon = _above_zero(self.t_min, trace.glucagon_ug)
+        self.command_glucagon = _above_zero(self.t_min, trace.command_glucagon_ug)
         self.meals = _above_zero(self.t_min, trace.carbs_g)
         self.exercise = _bouts(self.t_min, trace.exercise_pct)
+        self.forecasts, self.forecasts_every_min = _some_forecasts(trace)
         # periods without a valid reading, and those of each status of decisions but OK
         there = {text: np.asarray(trace.status) == kind for kind, text in STATUS_WORDS.items()}
         there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
         self.periods = {text: _periods(self.t_min, present) for text, present in there.items() if present.any()}
+
+
+def _some_forecasts(trace: Trace) -> tuple[list[tuple[Floats, Floats]], float]:
+    """Times and glucose of some of the forecasts of a trace, within the run, and the time between them."""
+    if trace.forecast is None:
+        return [], 0.0
+    ahead, glucose, t_min = (
+        np.asarray(of, float) for of in (trace.forecast.ahead_min, trace.forecast.glucose_mg_dl, trace.t_min)
+    )
+    made = np.flatnonzero(np.isfinite(ahead[:, 0]))  # a controller may act at some samples alone
+    end_min, step = float(trace.fine_t_min[-1]), -(-made.size // _MAX_FORECASTS)
+    inside = [(t_min[at] + ahead[at], glucose[at]) for at in made[::step]]
+    lines = [(times[times <= end_min], values[times <= end_min]) for times, values in inside]
+    return lines, float(t_min[made[step]] - t_min[made[0]]) if made.size > step else 0.0
 
 
 def _extended_to_the_end(rates: npt.ArrayLike) -> Floats:
@@ -99,6 +120,11 @@ def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
                 "and others apart"
             )
     return runs
+
+
+def in_view(forecasts: Sequence[tuple[Floats, Floats]]) -> list[Floats]:
+    """Values of forecasts for which the axis of a picture has room."""
+    return [np.clip(values, *_SHOWN_MG_DL) for _, values in forecasts]
 
 
 def _periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> list[Pair]:

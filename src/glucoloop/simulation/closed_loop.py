@@ -28,12 +28,21 @@ from glucoloop.component.effects import (
     warn_without_effect,
 )
 from glucoloop.component.routes import SUBCUTANEOUS
-from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses, uses_of
+from glucoloop.control.protocol import (
+    Controller,
+    DoseForecast,
+    Observation,
+    Status,
+    draws,
+    gives_boluses,
+    gives_glucagon,
+    uses_of,
+)
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.scenario import Scenario, announced_g, announced_min
-from glucoloop.patients.capabilities import insulin_route, lowest_valid_glucose_mg_dl, usual_pump
+from glucoloop.patients.capabilities import insulin_route, lowest_valid_glucose_mg_dl, refuse_glucagon, usual_pump
 from glucoloop.patients.protocol import Patient
-from glucoloop.pumps import DoseLimits, LimitedPump, Pump
+from glucoloop.pumps import DoseLimits, GlucagonLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, Lag, Sensor
 from glucoloop.simulation.integrators import default_integrator
@@ -90,6 +99,10 @@ class Trace:
     """(samples, ...) bolus that the pump reports."""
     announced_carbs_g: jax.Array | None = None
     """(samples,) announced carbohydrate; None where meals were not announced."""
+    command_glucagon_ug: jax.Array | None = None
+    """(samples, ...) glucagon that the controller commands; None, like the next one, where it gives none."""
+    glucagon_ug: jax.Array | None = None
+    """(samples, ...) glucagon that the pump delivered from this sample to the next."""
     exercise_pct: jax.Array | None = None
     """(samples,) mean intensity of exercise from each sample to the next; None where there was none."""
     rescue_g: jax.Array | None = None
@@ -102,6 +115,8 @@ class Trace:
     """(samples before, ...) carbohydrate that was eaten at each sample of a warm-up; None without one."""
     rate_before_mU_min: jax.Array | None = None
     """Rate until the first sample; None for the rate at steady state, where the run has no warm-up."""
+    forecast: DoseForecast | None = None
+    """Forecasts at the samples ``(samples, points, ...)``; None where they were not asked for or none were made."""
 
     def after(self, samples: int) -> Trace:
         """The trace without its first samples, which were a warm-up; time counts from the end of them."""
@@ -116,6 +131,7 @@ class Trace:
         return dataclasses.replace(
             self,
             **of_samples,
+            forecast=jax.tree.map(lambda values: values[samples:], self.forecast),
             t_min=self.t_min[:-samples],
             fine_t_min=self.fine_t_min[: self.fine_t_min.shape[0] - inside],
             fine_glucose_mg_dl=self.fine_glucose_mg_dl[inside:],
@@ -182,7 +198,8 @@ class Trace:
         are announced, ``announced_carbs_g`` tells what the controller was told; ``exercise_pct`` is there where there
         was exercise, its mean intensity until the next sample; ``rescue_g`` where the person eats against low glucose;
         where the controller gives boluses, ``bolus_mU``, ``command_bolus_mU`` and ``reported_bolus_mU`` tell
-        of them what the rates tell of the basal rate. ``carbs_on_board_g`` and, with subcutaneous insulin,
+        of them what the rates tell of the basal rate; where it gives glucagon, ``glucagon_ug`` was delivered and
+        ``command_glucagon_ug`` commanded. ``carbs_on_board_g`` and, with subcutaneous insulin,
         ``insulin_on_board_U`` are what is on board at the sample before its own dose and meal, by the curves of
         `control.on_board`; insulin counts above the basal rate.
 
@@ -193,13 +210,12 @@ class Trace:
         """
         import polars as pl
 
-        if np.ndim(self.glucose_mg_dl) != 1:
-            raise Refusal(
-                f"this trace is of people of shape {np.shape(self.glucose_mg_dl)[1:]}, not of one; "
-                "pick one, as with jax.tree.map(lambda values: values[i], traces) after jax.vmap"
-            )
+        self._refuse_people()
         reading = np.where(np.asarray(self.reading_valid), np.asarray(self.reading_mg_dl), np.nan)
-        others = ("announced_carbs_g", "exercise_pct", "rescue_g", "bolus_mU", "command_bolus_mU", "reported_bolus_mU")
+        others = (
+            *("announced_carbs_g", "exercise_pct", "rescue_g", "bolus_mU", "command_bolus_mU", "reported_bolus_mU"),
+            *("glucagon_ug", "command_glucagon_ug"),
+        )
         return pl.DataFrame(
             {
                 "t_min": np.asarray(self.t_min),
@@ -224,6 +240,45 @@ class Trace:
             }
         )
 
+    def forecasts_to_polars(self) -> pl.DataFrame:
+        """One row per sample and time ahead of it, as a data frame of Polars; without forecasts it has no rows.
+
+        Columns: ``t_min`` of the sample; ``ahead_min``, time ahead of it; ``glucose_mg_dl`` that the controller expects
+        then; further forecasts of the controller, such as ``cautious_mg_dl``, null where there is none; and
+        ``insulin_mU_min``, the rate from then to the next row under which it expects so: its plan, a bolus included, or
+        the basal rate for a controller that plans no doses.
+
+        Raises
+        ------
+        ValueError
+            For a trace of more than one person.
+        """
+        import polars as pl
+
+        self._refuse_people()
+        of = self.forecast
+        if of is None:
+            names = ("t_min", "ahead_min", "glucose_mg_dl", "insulin_mU_min")
+            return pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
+        points = of.ahead_min.shape[1]
+        columns = {
+            "t_min": np.repeat(np.asarray(self.t_min), points),
+            "ahead_min": of.ahead_min,
+            "glucose_mg_dl": of.glucose_mg_dl,
+            **{f"{name}_mg_dl": values for name, values in (of.others_mg_dl or {}).items()},
+            "insulin_mU_min": of.insulin_mU_min,
+        }
+        table = pl.DataFrame({name: np.ravel(np.asarray(values, float)) for name, values in columns.items()})
+        return table.fill_nan(None).drop_nulls("ahead_min")
+
+    def _refuse_people(self) -> None:
+        """Refuse the trace of more than one person."""
+        if np.ndim(self.glucose_mg_dl) != 1:
+            raise Refusal(
+                f"this trace is of people of shape {np.shape(self.glucose_mg_dl)[1:]}, not of one; "
+                "pick one, as with jax.tree.map(lambda values: values[i], traces) after jax.vmap"
+            )
+
 
 def _on_board(before: jax.Array | None, amounts: jax.Array, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Amount on board at each sample, with what was given before the first of them."""
@@ -237,7 +292,7 @@ def _on_board(before: jax.Array | None, amounts: jax.Array, curve: npt.NDArray[n
 _OF_SAMPLES: Final = (
     *("glucose_mg_dl", "reading_mg_dl", "reading_valid", "command_mU_min", "insulin_mU_min", "reported_mU_min"),
     *("status", "carbs_g", "states", "command_bolus_mU", "bolus_mU", "reported_bolus_mU", "announced_carbs_g"),
-    *("exercise_pct", "rescue_g"),
+    *("exercise_pct", "rescue_g", "glucagon_ug", "command_glucagon_ug"),
 )
 """Fields of a trace with an entry for each sample, the first one first."""
 
@@ -329,7 +384,10 @@ def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled,
         command_bolus_mU=happened.decision.bolus_mU,
         bolus_mU=happened.delivery.bolus_mU,
         reported_bolus_mU=happened.delivery.reported_bolus_mU,
+        command_glucagon_ug=happened.decision.glucagon_ug,
+        glucagon_ug=happened.delivery.glucagon_ug,
         rescue_g=happened.rescue_g,
+        forecast=happened.forecast,
         subcutaneous=insulin_route(patient) == SUBCUTANEOUS,
     )
 
@@ -350,6 +408,11 @@ def usual_limits(patient: Patient) -> DoseLimits:
     return DoseLimits(
         max_change_mU_min=usual.max_change_mU_min, min_mU_min=usual.min_mU_min, max_mU_min=usual.max_mU_min
     )
+
+
+def default_pump(limits: DoseLimits, controller: Controller) -> Pump:
+    """Pump with these limits, and a second route where a controller gives glucagon."""
+    return LimitedPump(limits=limits, glucagon=GlucagonLimits() if gives_glucagon(controller) else None)
 
 
 def sample_grid(
@@ -395,6 +458,7 @@ def simulate(
     key: jax.Array | int | None = None,
     *,
     integrator: Integrator | None = None,
+    forecasts: bool = False,
 ) -> Trace:
     """Simulate the closed loop of one patient or of several.
 
@@ -414,12 +478,14 @@ def simulate(
     integrator : Integrator, optional
         Integrator; by default `Exponential` if the patient has the parts for it, else `Explicit`, as for one whose
         constants follow the clock, and in a scenario with exercise or rhythms.
+    forecasts : bool
+        Whether the trace has the forecast on which each decision rests, see `Trace.forecasts_to_polars`.
 
     Warns
     -----
     NoEffectWarning
-        For what the scenario has and the controller has no use for, such as announced meals, and for a key where
-        nothing is drawn at random.
+        For what the scenario has and the controller has no use for, such as announced meals, for a key where nothing is
+        drawn at random, and for forecasts of a controller that makes none.
 
     Raises
     ------
@@ -432,7 +498,10 @@ def simulate(
     seed = random_key(0 if key is None else key)
     if key is not None and not (draws(controller) or _draw(sensor, pump)):
         warn_without_effect([f"key has no effect: {CHANCE.reason}."], stacklevel=3)
-    return closed_loop(patient, controller, sensor, pump, scenario, seed, integrator=integrator)
+    trace = closed_loop(patient, controller, sensor, pump, scenario, seed, integrator=integrator, forecasts=forecasts)
+    if forecasts and trace.forecast is None:
+        warn_without_effect([f"forecasts has no effect: the controller {type(controller).__name__} makes none."], 3)
+    return trace
 
 
 def _draw(sensor: Sensor | None, pump: Pump | None) -> bool:
@@ -477,19 +546,22 @@ def closed_loop(
     key: jax.Array | int = 0,
     *,
     integrator: Integrator | None = None,
+    forecasts: bool = False,
 ) -> Trace:
     """Simulate as `simulate` does, of arguments that were checked before."""
     sensor = IdealSensor() if sensor is None else sensor
-    pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
+    dual = gives_glucagon(controller)
+    pump = default_pump(usual_limits(patient), controller) if pump is None else pump
     scenario = Scenario() if scenario is None else scenario
     key = random_key(key)
 
     counted = sample_grid(scenario.horizon_min, sample_time_of(controller), scenario.start_min, scenario.warm_up_min)
     grid = counted.whole
     minute_inputs = minute_inputs_of(patient, scenario, grid)
-    integrator = (
-        default_integrator(patient, minute_inputs=bool(minute_inputs.names)) if integrator is None else integrator
-    )
+    if dual:
+        refuse_glucagon(patient)
+    if integrator is None:
+        integrator = default_integrator(patient, minute_inputs=bool(minute_inputs.names) or dual)
     plant, exogenous = integrator.prepare(patient, scenario.absorbed_by(patient), grid)
     exogenous = dataclasses.replace(exogenous, minute_inputs=minute_inputs)
     start = start_of(patient, scenario)
@@ -502,6 +574,7 @@ def closed_loop(
         setpoint_mg_dl=start.setpoint_mg_dl,
         rescue=rescue,
         announced_in_min=None if scenario.announced_in_min is None else jnp.asarray(scenario.announced_in_min, float),
+        forecasts=forecasts,
     )
     numbers, fixed = apart(loop)
     try:

@@ -12,13 +12,24 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, draws, gives_boluses
+from glucoloop.control.protocol import (
+    Controller,
+    Decision,
+    DoseForecast,
+    Observation,
+    Status,
+    draws,
+    forecast_of,
+    gives_boluses,
+    gives_glucagon,
+)
+from glucoloop.meals.moments import points_of_sample
 from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, seen_mg_dl
 from glucoloop.pumps import Delivery, Pump
-from glucoloop.pumps.protocol import deliver
+from glucoloop.pumps.protocol import deliver, glucagon_route
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.plant import Exogenous, Plant
@@ -41,6 +52,8 @@ class Loop:
     """Carbohydrate that the person eats when glucose is low; None for none."""
     announced_in_min: jax.Array | None = None
     """Time to eating that an announcement tells; None where meals are announced when they begin."""
+    forecasts: bool = static(default=False)
+    """Whether the forecasts of the controller are kept, which takes its computing twice."""
 
 
 @pytree
@@ -80,6 +93,8 @@ class Sampled:
     """Lower end of the valid range of the patient's model."""
     rescue_g: jax.Array | None = None
     """Carbohydrate that the person eats against low glucose; None where there is none."""
+    forecast: DoseForecast | None = None
+    """Forecast on which the decision rests, where forecasts are kept and the controller makes one."""
 
 
 def look(
@@ -194,10 +209,13 @@ def sample(
     with jax.named_scope("controller"):
         decided = loop.controller.step(state.in_controller, observation)
     in_controller, decision = apart(decided)
-    _check_boluses(loop.controller, decision)
+    # by itself, so that the decision is the same to the bit
+    forecast = apart(forecast_of(loop.controller, state.in_controller, observation)) if loop.forecasts else None
+    _check_declared(loop.controller, decision)
     finite = jnp.isfinite(decision.insulin_mU_min)
-    if decision.bolus_mU is not None:
-        finite = finite & jnp.isfinite(decision.bolus_mU)
+    for further in (decision.bolus_mU, decision.glucagon_ug):
+        if further is not None:
+            finite = finite & jnp.isfinite(further)
     decision = dataclasses.replace(decision, status=jnp.where(finite, decision.status, Status.NO_FINITE_DOSE))
     pump_key = jax.random.fold_in(_for_pump(reading_key), index)
     # The minimum that any pump can be asked for, in place of what is no number.
@@ -210,6 +228,11 @@ def sample(
     infused = delivery.insulin_mU_min
     if delivery.bolus_mU is not None:
         infused = infused + delivery.bolus_mU / loop.controller.sample_time_min
+    if decision.glucagon_ug is not None:
+        with jax.named_scope("pump"):
+            glucagon = glucagon_route(loop.pump).allowed(jnp.where(finite, decision.glucagon_ug, 0.0))
+        delivery = dataclasses.replace(delivery, glucagon_ug=glucagon)
+        exogenous = _with_glucagon(exogenous, glucagon, loop.controller.sample_time_min)
     in_rescue, rescue_g = None, None
     if loop.rescue is not None:
         with jax.named_scope("meals"):
@@ -230,6 +253,7 @@ def sample(
         inside_mg_dl=inside,
         lowest_valid_mg_dl=jnp.broadcast_to(lowest_valid_glucose_mg_dl(loop.plant.patient), glucose.shape),
         rescue_g=rescue_g,
+        forecast=forecast,
     )
     return (
         LoopState(
@@ -260,8 +284,16 @@ def _moments(exogenous: Exogenous) -> jax.Array:
     return exogenous.moments
 
 
-def _check_boluses(controller: Controller, decision: Decision) -> None:
-    """Refuse a controller whose decisions contradict its declaration of boluses, which no loop could carry."""
+def _with_glucagon(exogenous: Exogenous, glucagon_ug: jax.Array, sample_time_min: float) -> Exogenous:
+    """Inputs of a sample with glucagon that enters evenly until the next one."""
+    rate = glucagon_ug / sample_time_min
+    of_points = jnp.broadcast_to(rate, (points_of_sample(sample_time_min), *jnp.shape(rate)))
+    minute_inputs = dataclasses.replace(exogenous.minute_inputs, glucagon_ug_min=of_points)
+    return dataclasses.replace(exogenous, minute_inputs=minute_inputs)
+
+
+def _check_declared(controller: Controller, decision: Decision) -> None:
+    """Refuse a controller whose decisions contradict what it declares to give, which no loop could carry."""
     name, declares = type(controller).__name__, gives_boluses(controller)
     if decision.bolus_mU is not None and not declares:
         raise ArgumentTypeError(
@@ -271,4 +303,9 @@ def _check_boluses(controller: Controller, decision: Decision) -> None:
         raise ArgumentTypeError(
             f"{name} says that it gives boluses, but {name}.step decides on none; "
             "return Decision(..., bolus_mU=...), 0 where there is none"
+        )
+    if (decision.glucagon_ug is not None) != gives_glucagon(controller):
+        raise ArgumentTypeError(
+            f"{name}.step and {name}.gives_glucagon contradict one another; a controller with gives_glucagon = True "
+            "returns Decision(..., glucagon_ug=...), 0 where there is none, and another one returns none"
         )

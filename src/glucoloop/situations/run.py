@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 from glucoloop.component.effects import (
     CHANCE,
     EXERCISE,
+    FORECASTS,
     MEALS,
     MEALS_ANNOUNCED,
     OF_CONTROLLERS,
@@ -367,6 +368,13 @@ class Run(FedSituation):
         ),
     ] = "fast"
     changes: Annotated[tuple[str, ...], changes_option("Change the therapy of the run", PATIENT_PANEL)] = ()
+    forecasts: Annotated[
+        bool,
+        _controller(
+            "Keep the forecast and the plan on which each dose rests, in forecasts.csv, and draw some of them.",
+            needs=(FORECASTS,),
+        ),
+    ] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

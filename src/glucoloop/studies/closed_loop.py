@@ -63,7 +63,9 @@ def close_the_loop(run: Run, case: Case) -> Outcome:
     """
     model, changed = model_for(run, case), run.with_changes(run.changes) if run.changes else run
     controller = controller_of(changed, case, **model_arguments(model))
-    trace = close_loop(changed, controller, changed.as_scenario(), integrator=integrator_of(run))
+    trace = close_loop(
+        changed, controller, changed.as_scenario(), integrator=integrator_of(run), forecasts=run.forecasts
+    )
     return outcome_of(run, case, model, controller, trace)
 
 
@@ -163,7 +165,7 @@ def model_arguments(model: ModelFile | None) -> dict[str, Any]:
 
 def integrator_of(run: Run) -> SteppingIntegrator:
     """Integrator of a run."""
-    minute_inputs = bool(run.exercise or run.rhythm)
+    minute_inputs = bool(run.exercise or run.rhythm) or run.glucagon is not None
     return default_integrator(run.nominal, minute_inputs=minute_inputs) if run.integrator == "fast" else Adaptive()
 
 

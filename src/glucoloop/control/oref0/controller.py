@@ -7,7 +7,7 @@ gone by. A person who announces a meal gives a bolus for it by the carbohydrate 
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
@@ -27,6 +27,7 @@ from glucoloop.control.decision import (
     with_rescue,
 )
 from glucoloop.control.oref0.dose import determine_basal
+from glucoloop.control.oref0.forecast import shown_lines
 from glucoloop.control.oref0.inputs import (
     DEVIATIONS,
     MEALS,
@@ -39,9 +40,16 @@ from glucoloop.control.oref0.inputs import (
     recent_carbs,
     treatments,
 )
-from glucoloop.control.oref0.records import DosingProfile, TempBasal, whole
+from glucoloop.control.oref0.records import (
+    DosingProfile,
+    GlucoseStatus,
+    InsulinOnBoard,
+    MealData,
+    TempBasal,
+    whole,
+)
 from glucoloop.control.part import FOR_MEALS, CarbRatio, CorrectionFactor, OfPerson
-from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.protocol import Decision, DoseForecast, Observation
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import Profile
@@ -94,6 +102,18 @@ class _Oref0State:
     """Bolus that was requested at the last sample, likewise."""
     to_come: MealsToCome | None = None
     """Meals that are still to be eaten; None where observations tell no time of eating."""
+
+
+class _Heard(NamedTuple):
+    """State at a sample before the dose, and the arguments of the original."""
+
+    state: _Oref0State
+    glucose: GlucoseStatus
+    iob: InsulinOnBoard
+    meal: MealData
+    profile: DosingProfile
+    meal_mU: jax.Array
+    """Bolus for an announced meal."""
 
 
 class Oref0(OfPerson, name="oref0"):
@@ -334,6 +354,44 @@ class Oref0(OfPerson, name="oref0"):
 
     def step(self, state: _Oref0State, observation: Observation) -> tuple[_Oref0State, Decision]:
         """Take in what was read, given and announced, and dose."""
+        heard = self._heard(state, observation)
+        after, temp = heard.state, heard.state.temp
+        suggestion = determine_basal(heard.glucose, temp, heard.iob, heard.meal, heard.profile)
+
+        temp = jax.tree.map(lambda new, old: jnp.where(suggestion.sets_temp, new, old), suggestion.temp, temp)
+        wanted = jnp.where(temp.duration_min > 0.0, temp.rate_U_h * MU_MIN_PER_U_H, self.basal_mU_min)
+        decision = decide(
+            wanted, delivered_since(observation, state.requested_mU_min), self.limits, is_known(observation)
+        )
+        bolus = jnp.minimum(heard.meal_mU + suggestion.units_U * MU_PER_U, self.bolus.max_mU)
+        after = dataclasses.replace(
+            after,
+            temp=temp,
+            since_bolus_min=jnp.where(bolus > 0.0, 0.0, after.since_bolus_min),
+            requested_mU_min=decision.insulin_mU_min,
+            requested_mU=bolus,
+        )
+        return after, dataclasses.replace(decision, bolus_mU=bolus)
+
+    def forecast(self, state: _Oref0State, observation: Observation) -> DoseForecast:
+        """Forecasts of four hours as oref0 shows them, under the basal rate, or without it in that of zero temp.
+
+        The expected one is that of carbohydrate on board where there is any, else that of unannounced meals where
+        glucose rises, else that of insulin on board: what dosing takes for where glucose ends.
+        """
+        heard = self._heard(state, observation)
+        lines = shown_lines(heard.glucose, heard.iob, heard.meal, heard.profile)
+        expected = lines.pop("expected")
+        basal = jnp.asarray(self.basal_mU_min, expected.dtype)
+        return DoseForecast(
+            ahead_min=SAMPLE_MIN * jnp.arange(float(len(expected))),
+            glucose_mg_dl=expected,
+            insulin_mU_min=jnp.broadcast_to(basal, expected.shape),
+            others_mg_dl=lines,
+        )
+
+    def _heard(self, state: _Oref0State, observation: Observation) -> _Heard:
+        """Take in what was read, given and announced."""
         known = is_known(observation)
         zero = jnp.zeros_like(state.gap)
         reading = self._reading(observation, state.glucose_mg_dl[0])
@@ -363,13 +421,6 @@ class Oref0(OfPerson, name="oref0"):
         eaten = _pushed(state.carbs_g, with_rescue(begins, observation))
         meal = recent_carbs(eaten, glucose_mg_dl, activity, profile)
         left = jnp.maximum(state.temp.duration_min - SAMPLE_MIN, 0.0)
-        temp = TempBasal(rate_U_h=jnp.where(left > 0.0, state.temp.rate_U_h, 0.0), duration_min=left)
-        suggestion = determine_basal(glucose, temp, iob, meal, profile)
-
-        temp = jax.tree.map(lambda new, old: jnp.where(suggestion.sets_temp, new, old), suggestion.temp, temp)
-        wanted = jnp.where(temp.duration_min > 0.0, temp.rate_U_h * MU_MIN_PER_U_H, self.basal_mU_min)
-        decision = decide(wanted, delivered_since(observation, state.requested_mU_min), self.limits, known)
-        bolus = jnp.minimum(meal_mU + suggestion.units_U * MU_PER_U, self.bolus.max_mU)
         after = _Oref0State(
             readings_mg_dl=readings,
             glucose_mg_dl=glucose_mg_dl,
@@ -377,13 +428,13 @@ class Oref0(OfPerson, name="oref0"):
             insulin_U=insulin,
             carbs_g=eaten,
             gap=jnp.where(known, zero + 1.0, jnp.minimum(state.gap + 1.0, DEVIATIONS + 1.0)),
-            temp=temp,
-            since_bolus_min=jnp.where(bolus > 0.0, 0.0, waited),
-            requested_mU_min=decision.insulin_mU_min,
-            requested_mU=bolus,
+            temp=TempBasal(rate_U_h=jnp.where(left > 0.0, state.temp.rate_U_h, 0.0), duration_min=left),
+            since_bolus_min=waited,
+            requested_mU_min=state.requested_mU_min,
+            requested_mU=state.requested_mU,
             to_come=to_come,
         )
-        return after, dataclasses.replace(decision, bolus_mU=bolus)
+        return _Heard(after, glucose, iob, meal, profile, meal_mU)
 
     @property
     def _action_h(self) -> float:

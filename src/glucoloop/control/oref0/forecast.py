@@ -164,6 +164,27 @@ def forecast(
     )
 
 
+def shown_lines(
+    glucose: GlucoseStatus, iob: InsulinOnBoard, meal: MealData, profile: DosingProfile
+) -> dict[str, jax.Array]:
+    """Lines ``(48, ...)`` as oref0 shows them, with the constant ends that it leaves out; NaN where it shows none.
+
+    ``expected`` is that by whose end insulin is dosed.
+    """
+    now = effects_now(glucose, iob, profile)
+    lines = predicted(glucose.glucose_mg_dl, iob, meal, profile, now)
+    of_carbs = (meal.meal_cob_g > 0.0) & lines.rises
+    of_rise = jnp.asarray(profile.enable_uam) & lines.rises
+    by_iob, by_cob, by_uam, without = map(_shown, (lines.iob, lines.cob, lines.uam, lines.zt))
+    return {
+        "expected": jnp.where(of_carbs, by_cob, jnp.where(of_rise, by_uam, by_iob)),
+        "iob": by_iob,
+        "cob": jnp.where(of_carbs, by_cob, jnp.nan),
+        "uam": jnp.where(of_rise, by_uam, jnp.nan),
+        "zt": without,
+    }
+
+
 def predicted(bg: jax.Array, iob: InsulinOnBoard, meal: MealData, profile: DosingProfile, now: Effects) -> Lines:
     """``predBGs``: the four lines, before they are rounded and cut to the range of a sensor."""
     ticks = len(iob.ahead_U_min)

@@ -26,6 +26,7 @@ class Comparison(Run):
     """Several controllers in one situation."""
 
     kind: ClassVar = "comparison"
+    refused: ClassVar = ("forecasts",)
 
     bound: Annotated[
         bool,

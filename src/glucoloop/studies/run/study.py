@@ -36,6 +36,8 @@ _FILES: Final = {
     "glucose_1min.parquet": "glucose every minute",
 }
 """Files with the data of runs, beside their page."""
+_FORECASTS: Final = {"forecasts.csv": "one row per decision and time ahead of it"}
+"""Files with the forecasts of a run, where there are any."""
 _DIFFERENCES: Final = {
     "time_70_180_pct": "70-180\n(%)",
     "time_below_70_pct": "< 70\n(%)",
@@ -155,6 +157,9 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
 def results_of_loop(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Results:
     """Results of one loop."""
     tables = _tables(outcome.trace.to_polars(), stored.minute_table(outcome.trace))
+    if outcome.trace.forecast is not None:
+        forecasts = outcome.trace.forecasts_to_polars()
+        tables |= {"forecasts.parquet": forecasts, "forecasts.csv": forecasts}
     return Results(
         {**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.display_name: outcome})
     )
@@ -302,4 +307,6 @@ def _repeat(config: Run, loops: ClosedLoops, command: str, models: Mapping[str, 
         explicit["controller"] = explicit.get("controller") or [case.tree() for case in config.cases]
         for table, case in zip(explicit["controller"], config.cases, strict=True):
             table.update({"model": model_files[case.label]} if case.label in model_files else {})
-    return Repeat(f"{command} --config {command}.toml", used, _FILES, explicit=explicit)
+    forecasts = any(outcome.trace.forecast is not None for outcome in loops.outcomes.values())
+    files = {**_FILES, **(_FORECASTS if forecasts else {})}
+    return Repeat(f"{command} --config {command}.toml", used, files, explicit=explicit)
