@@ -34,7 +34,7 @@ def test_forecasts_are_those_of_the_package_for_any_question():
     """But for constant ends, and rising ends of that without insulin, which the package leaves out.
 
     A product and a sum that a processor takes in one go are rounded once, so that a number between two may go either
-    way: 8 of a million points did.
+    way: 9 of a million points did.
     """
     of, answers = asked_and_answered()
     (glucose, _, iob, meal, profile), _ = arguments(of)
