@@ -124,7 +124,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help="parts of the names of cases; all by default")
     parser.add_argument("--seeds", nargs=2, type=int, default=(1000, 1100), metavar=("FIRST", "END"))
     request = parser.parse_args()
-    print(f"{'case':46s} refused (close)  cover/accepted  wrong  margin/gain")
+    print(f"{'case':46s} refused (close)  cover/accepted  wrong  half/gain")
     for name, gain, basal, record, by_pulses in cases():
         if request.names and not any(part in name for part in request.names):
             continue
@@ -133,13 +133,15 @@ def main() -> None:
         for seed in range(*request.seeds):
             method, given = ("csrs", keywords) if by_pulses else ("least-squares", {})
             model = identify_record(record(seed), method, basal_insulin_mU_min=basal, **given)
-            rows.append((float(model.model.gain) / gain, model.reliability.gain_margin / -gain, bool(model.doubts())))
-        share, margin, doubtful = np.array(rows).T
+            ends = model.reliability.gain_from, model.reliability.gain_to
+            covered, half = ends[0] <= gain <= ends[1], 0.5 * (ends[1] - ends[0]) / -gain
+            rows.append((float(model.model.gain) / gain, half, covered, bool(model.doubts())))
+        share, half_width, covered, doubtful = np.array(rows).T
         refused, accepted = doubtful == 1.0, doubtful == 0.0
         close = int(np.sum(refused & (np.abs(share - 1.0) < 0.25)))
-        cover, wrong = np.abs(share - 1.0) <= margin, (share > 2.0) | (share < 0.5)
-        width = f"{np.median(margin[accepted]):.2f}" if accepted.any() else "-"
-        counts = f"{refused.sum():7d} ({close:5d})  {int(cover[accepted].sum()):5d}/{accepted.sum():<8d}"
+        wrong = (share > 2.0) | (share < 0.5)
+        width = f"{np.median(half_width[accepted]):.2f}" if accepted.any() else "-"
+        counts = f"{refused.sum():7d} ({close:5d})  {int(covered[accepted].sum()):5d}/{accepted.sum():<8d}"
         print(f"{name:46s} {counts}  {int(wrong[accepted].sum()):5d}  {width:>11s}", flush=True)
 
 

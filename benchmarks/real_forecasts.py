@@ -10,6 +10,7 @@ bootstraps over people. Nothing is written.
 """
 
 import argparse
+import itertools
 import os
 import re
 import sys
@@ -51,6 +52,11 @@ def people_of(folder):
     for path in sorted(folder.rglob("UoMGlucose*.csv")):
         who = re.sub(r"\D", "", path.stem)
         yield "T1D-UOM", who, sorted(folder.rglob(f"UoM*{who}.csv"))
+
+
+def uses_pen(files):
+    """Whether a person injects long-acting insulin."""
+    return bool(gl.read_record(*files).frame["long_acting_U"].is_not_null().any())
 
 
 def after_corrections(record, first_day):
@@ -111,18 +117,19 @@ def print_group(title, people):
             texts.append(f"{np.median(covered):.0f} ({min(covered):.0f}-{max(covered):.0f})")
         after = [row["corrections"] for row in rows if "corrections" in row]
         print(f"{text:34}" + "".join(f"{one:>19}" for one in texts) + (f"  {np.median(after):.0f}" if after else ""))
-    whole = [person for person in people if "kalman" in person]
-    for other, horizon in COMPARED:
+    for own, (other, horizon) in itertools.product(("kalman", "twin"), COMPARED):
         pairs = [
-            (person["kalman"]["rmse", True, horizon], person[other]["rmse", True, horizon])
-            for person in whole
-            if other in person
+            (person[own]["rmse", True, horizon], person[other]["rmse", True, horizon])
+            for person in people
+            if own in person and other in person
         ]
-        difference = np.array([rival - own for own, rival in pairs])
+        if not pairs:
+            continue
+        difference = np.array([by_other - by_own for by_own, by_other in pairs])
         draws = np.random.default_rng(0).integers(0, difference.size, (2000, difference.size))
         low, high = np.percentile(difference[draws].mean(axis=1), (2.5, 97.5))
         print(
-            f"kalman better than {other} at {horizon}: {int((difference > 0).sum())} of {difference.size}, "
+            f"{own} better than {other} at {horizon}: {int((difference > 0).sum())} of {difference.size}, "
             f"by {difference.mean():.1f} mg/dl ({low:.1f} to {high:.1f})"
         )
 
@@ -137,7 +144,7 @@ def main():
     if not places or not all(place.exists() for place in places):
         print("No archive or folder of the data sets is given; see the head of this file for where to get them.")
         return 0
-    results = {"AZT1D": [], "T1D-UOM": []}
+    results = {"AZT1D": [], "T1D-UOM": [], "pens": []}
     with tempfile.TemporaryDirectory() as unpacked:
         for place in places:
             for archive in [place] if place.is_file() else sorted(place.glob("*.zip")):
@@ -150,17 +157,20 @@ def main():
                     if not record.carbs_g.any() or not record.insulin_U.any():
                         raise Refusal("its last 28 days have no carbohydrate or no insulin")
                     results[of].append({text: measured(record, text) for text in EVERY})
+                    if of == "T1D-UOM" and uses_pen(files):
+                        results["pens"].append(results[of][-1])
                 except Refusal as error:
                     print(f"{of} {name} is left out: {error.problem}")
                     continue
-                day = results[of][-1]["kalman"]["rmse", True, DAY]
-                print(f"{of} {name}: day {day:.1f}, mean {results[of][-1]['mean']['rmse', True, DAY]:.1f}", flush=True)
+                day = {text: results[of][-1][text]["rmse", True, DAY] for text in ("kalman", "twin", "mean")}
+                print(f"{of} {name}: day", ", ".join(f"{text} {rmse:.1f}" for text, rmse in day.items()), flush=True)
     azt1d = results["AZT1D"]
     groups = {
         "AZT1D, all": azt1d,
         "AZT1D, on whom settings were chosen": azt1d[:CHOSEN_ON],
         "AZT1D, the others": azt1d[CHOSEN_ON:],
         "T1D-UOM": results["T1D-UOM"],
+        "T1D-UOM, pens": results["pens"],
     }
     for title, people in groups.items():
         if people:

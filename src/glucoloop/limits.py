@@ -11,5 +11,6 @@ LARGEST_SEED: Final = 2**32 - 1
 MAX_PEOPLE: Final = 1_000_000_000
 MAX_DAYS: Final = 366
 LONGEST_RUN_MIN: Final = 366 * 1440.0
+LARGEST_MEAL_G: Final = 1000.0
 LONGEST_AHEAD_MIN: Final = 180.0
 """Longest time before eating at which a meal may be announced."""

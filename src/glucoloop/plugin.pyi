@@ -16,6 +16,7 @@ from glucoloop.component.setting import About as About
 from glucoloop.component.setting import Default as Default
 from glucoloop.control.action import ActionComponent as ActionComponent
 from glucoloop.control.design_case import DesignCase as DesignCase
+from glucoloop.control.glucagon import GlucagonComponent as GlucagonComponent
 from glucoloop.control.part import ControllerComponent as ControllerComponent
 from glucoloop.control.protocol import Controller as Controller
 from glucoloop.control.protocol import Decision as Decision
@@ -67,6 +68,7 @@ from glucoloop.physiology.rhythm import Changes as Changes
 from glucoloop.physiology.rhythm import RhythmComponent as RhythmComponent
 from glucoloop.pumps.limits import BolusLimits as BolusLimits
 from glucoloop.pumps.limits import DoseLimits as DoseLimits
+from glucoloop.pumps.limits import GlucagonLimits as GlucagonLimits
 from glucoloop.pumps.limits import LimitedPump as LimitedPump
 from glucoloop.pumps.limits import PumpAround as PumpAround
 from glucoloop.pumps.limits import PumpComponent as PumpComponent

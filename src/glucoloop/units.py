@@ -31,6 +31,8 @@ HOURS_PER_DAY = 24.0
 MG_DL_PER_MMOL_L = MOLAR_MASS_GLUCOSE_G_MOL / 10.0
 MU_MIN_PER_U_H = MU_PER_U / MIN_PER_H
 MU_MIN_PER_PMOL_MIN = MU_PER_U / PMOL_PER_U
+PG_ML_PER_UG_L = 1000.0
+UG_PER_MG = 1000.0
 
 UNIT_BY_ENDING: Final = {
     "_mg_dl_h": "mg/dl per h",
@@ -38,7 +40,9 @@ UNIT_BY_ENDING: Final = {
     "_mg_dl_U": "mg/dl per U",
     "_mg_min": "mg/min",
     "_g_U": "g per U",
+    "_ug_per_mg_dl": "ug per mg/dl",
     "_mg_dl": "mg/dl",
+    "_ug": "ug",
     "_mU_min": "mU/min",
     "_min": "min",
     "_pct": "%",

@@ -63,8 +63,10 @@ def test_the_example_of_a_setting_by_its_path_is_one_that_each_command_takes():
     assert len(commands) > 5
     for command in commands:
         with naming(command):
-            given = command_of(command).given([SET.flag, example])
-            read = read_root(root_of(command), command_request(given, command_of(command).options).tree)
+            options = command_of(command).options
+            files = ["a.csv"] if any(option.flag == "FILE..." for option in options) else []
+            given = command_of(command).given([*files, SET.flag, example])
+            read = read_root(root_of(command), command_request(given, options).tree)
             assert read.value("patient").value("operating_point") == "fasting-81"
 
 

@@ -10,7 +10,14 @@ from glucoloop.storage.disk import SUMS
 WRITING = [name for name in names() if any(option.key == "out" for option in command_of(name).options)]
 FILES = {"lab", "records"}
 """Commands that write one file in place of a folder."""
-NEEDED = {"records": ("a.csv",), "twin": ("a.csv",), "replay": ("a.csv",), "report": ("a.csv",), "forecast": ("a.csv",)}
+NEEDED = {
+    "records": ("a.csv",),
+    "twin": ("a.csv",),
+    "replay": ("a.csv",),
+    "days": ("a.csv",),
+    "report": ("a.csv",),
+    "forecast": ("a.csv",),
+}
 FOLDERS = [name for name in WRITING if name not in FILES]
 
 

@@ -95,6 +95,16 @@ def test_people_have_the_schedule_on_their_own_numbers():
     np.testing.assert_allclose(rates(360.0), [10.0, 16.0])
 
 
+@pytest.mark.parametrize("controller", BY_PROFILE)
+def test_the_same_numbers_vary_of_one_person_and_of_people_with_arrays_of_other_libraries(controller):
+    schedule = Schedule((TherapyChange("basal_mU_min", 0.0, 180.0, factor=0.9),))
+    run = configured(Run, {**DAY, "controller": [controller]})
+    plain = controller_of(run, run.case)
+    one = scheduled(plain, schedule, PERSON)
+    people = Profile(basal_mU_min=jnp.array([10.0, 12.0]), setpoint_mg_dl=np.array([110.0, 110.0]))
+    assert one.varies == scheduled(plain, schedule, people).varies
+
+
 def test_a_guard_counts_the_same_insulin_in_another_basal_rate():
     doses = initial_doses(jnp.asarray(10.0), jnp.asarray(10.0), 5.0, None)
     other = at_basal(jax.tree.map(lambda leaf: leaf + 2.0, doses), jnp.asarray(6.0))

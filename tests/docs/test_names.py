@@ -24,6 +24,7 @@ OTHERS = {
 """Names that are none of our classes: of Python, of other libraries, and that of an example to be written."""
 GROUPS = {
     "actions",
+    "glucagon_controllers",
     "profile_errors",
     *("controllers", "estimators", "habits", "meal_models", "patients", "pumps", "readers", "rescues", "rhythms"),
     *("forecast_methods", "samplers", "scenarios", "sensors"),

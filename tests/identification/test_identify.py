@@ -133,7 +133,7 @@ def test_meals_do_not_bias_the_gain():
     settings = {"memory": MEMORY, "laguerre_pole": 0.7, "basal_insulin_mU_min": BASAL}
     found = identify_record(record, "least-squares", **settings)
     assert float(found.model.gain) == pytest.approx(float(TRUTH.gain), rel=0.1)
-    assert abs(float(found.model.gain - TRUTH.gain)) < found.reliability.gain_margin
+    assert found.reliability.gain_from < float(TRUTH.gain) < found.reliability.gain_to
     assert found.baseline_glucose_mg_dl == pytest.approx(BASELINE, abs=2)
     assert found.reliability.explained_percent > 95
     np.testing.assert_allclose(found.meal_impulse_response, per_gram, atol=0.15)

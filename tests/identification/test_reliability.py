@@ -43,6 +43,18 @@ def test_interval_holds_the_true_gain_in_about_95_of_100_records(disturbance, ga
     assert np.sum((ends[:, 0] <= gain) & (gain <= ends[:, 1])) >= 90
 
 
+@pytest.mark.long
+def test_interval_holds_the_gain_of_small_changes_of_a_person_who_responds_less_far_from_rest():
+    covered = 0
+    for seed in range(40):
+        insulin, readings = record(seed, lambda rng: 0.0, gain=-3.0)
+        moved = readings - 81.1
+        bent = moved + 0.3 * moved**2 / np.abs(moved).max()
+        low, high = interval_of(insulin, 81.1 + bent + white(np.random.default_rng(1000 + seed)))
+        covered += low <= -3.0 <= high
+    assert covered >= 36
+
+
 def test_a_gain_that_is_there_is_not_confused_with_0():
     for seed in range(5):
         low, high = interval_of(*record(seed, white, gain=-3.0))
@@ -73,30 +85,32 @@ def test_what_insulin_explains_is_the_variance_that_it_makes():
     insulin = np.repeat(rng.uniform(-8.0, 8.0, SAMPLES // 12), 12)
     columns = np.column_stack([insulin, np.ones(SAMPLES)])
     readings = -3.0 * insulin + rng.normal(0.0, 10.0, SAMPLES)
-    quality = reliability(columns, readings, -3.0, (-4.0, -2.5))
+    quality = reliability(columns, readings, (-4.0, -2.5))
     assert quality.explained_percent == pytest.approx(100 * 192 / 292, abs=12)  # variances of 3^2 8^2 / 3 and 10^2
-    assert quality.gain_margin == 1.0
-    assert reliability(columns, -3.0 * insulin, -3.0, (-3.0, -3.0)).explained_percent == pytest.approx(100.0)
-    assert reliability(columns, np.full(SAMPLES, 81.0), 0.0, (0.0, 0.0)).explained_percent == 0.0
+    assert (quality.gain_from, quality.gain_to) == (-4.0, -2.5)
+    assert reliability(columns, -3.0 * insulin, (-3.0, -3.0)).explained_percent == pytest.approx(100.0)
+    assert reliability(columns, np.full(SAMPLES, 81.0), (0.0, 0.0)).explained_percent == 0.0
 
 
 @pytest.mark.parametrize(
-    ("gain", "margin", "explained", "sentence"),
+    ("gain", "interval", "explained", "sentence"),
     [
-        (1.2, 0.1, 50.0, r"The gain is \+1.2 mg/dl per mU/min, so more insulin would raise glucose"),
-        (0.0, 0.0, 50.0, "more insulin would raise glucose"),
+        (1.2, (1.1, 1.3), 50.0, r"The gain is \+1.2 mg/dl per mU/min, so more insulin would raise glucose"),
+        (0.0, (0.0, 0.0), 50.0, "more insulin would raise glucose"),
         (
             -2.0,
-            2.5,
+            (-3.9, 0.1),
             50.0,
-            r"The gain is -2 mg/dl per mU/min, give or take 2.5 \(95 % .*, so it cannot be distinguished from 0",
+            r"The gain is -2 mg/dl per mU/min, and .* from -3.9 to 0.1 \(95 % .*, so it cannot be distinguished from 0",
         ),
-        (-40.0, 1.0, 50.0, "25.6 mU/min more would lower glucose from 81.1 mg/dl to below 0"),
-        (-2.0, 0.5, -3.0, "no better than by the mean of the others"),
+        (-2.0, (-4.1, -1.0), 50.0, r"from -4.1 to -1 \(95 % .*, so it may be more than twice that"),
+        (-40.0, (-41.0, -39.0), 50.0, "25.6 mU/min more would lower glucose from 81.1 mg/dl to below 0"),
+        (-2.0, (-2.5, -1.5), -3.0, "no better than by the mean of the others"),
     ],
 )
-def test_each_doubt_is_told(gain, margin, explained, sentence):
-    (told,) = doubts(gain, Reliability(gain_margin=margin, explained_percent=explained), **PERSON)
+def test_each_doubt_is_told(gain, interval, explained, sentence):
+    quality = Reliability(gain_from=interval[0], gain_to=interval[1], explained_percent=explained)
+    (told,) = doubts(gain, quality, **PERSON)
     assert re.search(sentence, told)
 
 

@@ -56,6 +56,19 @@ def test_an_unannounced_meal_is_eaten_all_the_same():
     np.testing.assert_array_equal(days.carbs_g, lived().carbs_g)
 
 
+def test_meals_vary_about_their_mean_from_day_to_day():
+    days = lived("varied, meal=2, size_sd=40, time_sd=45")
+    varied = days.which == 1
+    np.testing.assert_array_equal(days.carbs_g[~varied], lived().carbs_g[~varied])
+    sizes, times = days.carbs_g[varied], days.t_min[varied] - MIN_PER_DAY * days.day[varied][:, None]
+    assert sizes.mean() == pytest.approx(70.0, rel=0.02)
+    assert sizes.std() == pytest.approx(28.0, rel=0.05)
+    assert np.log(sizes).std() == pytest.approx(np.sqrt(np.log(1.16)), rel=0.03)
+    assert (times.mean(), times.std()) == (pytest.approx(720.0, abs=2.0), pytest.approx(45.0, rel=0.03))
+    np.testing.assert_array_equal(days.announced_g, days.carbs_g)
+    np.testing.assert_array_equal(days.announced_min, days.t_min)
+
+
 def test_what_is_left_was_announced():
     days = lived("uneaten, probability=0.5, share_pct=40")
     left = days.carbs_g != days.announced_g
@@ -105,6 +118,7 @@ ANY_HABITS = st.lists(
             "snack, time=21h, time_spread_min=60",
             "weekend, later_min=-30",
             "uneaten, probability=0.5",
+            "varied, size_sd=30, time_sd=20",
         )
     ),
     max_size=5,

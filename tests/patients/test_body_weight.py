@@ -17,9 +17,10 @@ WEIGHTS = np.array([50.0, 70.0, 100.0])
 def test_every_volume_and_flow_is_scaled_and_nothing_else():
     scaled = scaled_to_weight(PARKER_1999, 105.0)
     kinds = {c.name: c.meaning.split(",")[0] for c in CONSTANTS}
+    of_blood = ("glucose flow", "glucose volume", "insulin flow", "insulin volume", "glucagon volume")
     for field in dataclasses.fields(PARKER_1999):
         before, after = getattr(PARKER_1999, field.name), getattr(scaled, field.name)
-        if kinds.get(field.name) in ("glucose flow", "glucose volume", "insulin flow", "insulin volume"):
+        if kinds.get(field.name) in of_blood:
             assert field.name in (*VOLUMES, *FLOWS)
             assert after == pytest.approx(1.5 * before, rel=1e-15)
         else:

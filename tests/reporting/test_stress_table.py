@@ -19,7 +19,7 @@ def printed(table, width=110):
 
 
 def stress_table(found):
-    (table,) = tables(types.SimpleNamespace(rescue=None), found)
+    (table,) = tables(types.SimpleNamespace(rescue=None, glucagon=None), found)
     return table
 
 

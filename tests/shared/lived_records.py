@@ -25,8 +25,9 @@ def lived(
     controller="basal-bolus",
     time_spread_min=30.0,
     carb_error_pct=0.0,
+    **settings,
 ):
-    """Record of a person of a population, and the true parameters by name."""
+    """Record of a person of a population, and the true parameters by name; `settings` of the run beside these."""
     run = configuration_from(
         Run,
         {
@@ -41,6 +42,7 @@ def lived(
             "sensor": [{"name": "ideal", "site": "interstitial"}, *({"name": name} for name in sensor)],
             "seed": person,
             "start": "00:00",
+            **settings,
         },
     )
     trace = close_the_loop(run, run.case).trace.to_polars()

@@ -54,6 +54,22 @@ NOTED = [
     (("run", "--seed", "3"), "--seed has no effect: nothing is drawn at random."),
     (("run", "--controller", "pid", "--forecasts"), "--forecasts has no effect: the controller pid does not use fore"),
     (("run", "--pump", "max_bolus_U=5"), "max_bolus_U of the pump limited has no effect: the controller mpc does not"),
+    (
+        ("run", "--pump", "max_glucagon_ug=9"),
+        "max_glucagon_ug of the pump limited has no effect: no glucagon",
+    ),
+    (
+        ("run", "--pump", "glucagon_step_ug=1"),
+        "glucagon_step_ug of the pump limited has no effect: no glucagon",
+    ),
+    (
+        ("run", "--guard", "max_glucagon_hour_ug=9"),
+        "max_glucagon_hour_ug of the guard usual has no effect: no glucagon",
+    ),
+    (
+        ("run", "--guard", "max_glucagon_day_ug=9"),
+        "max_glucagon_day_ug of the guard usual has no effect: no glucagon",
+    ),
     (("run", "--controller", "known_dead_time=true"), "known_dead_time of the case has no effect: readings have no"),
     (
         ("run", "--patient", "hovorka-2004", "--controller", "mpc, move_horizon=20, known_dead_time=true"),
@@ -153,6 +169,7 @@ EFFECTIVE = [
     ("run", "--announce-meals", "--controller", "meal-mpc"),
     ("run", "--announce-meals", "--announce-before", "20", "--carb-error", "9", "--controller", "basal-bolus"),
     ("run", "--no-announce-meals", "--carb-error", "0", "--pump", "max_bolus_U=25"),
+    ("run", "--glucagon", "threshold", "--guard", "max_glucagon_day_ug=50", "--pump", "glucagon_step_ug=5"),
     ("run", "--noise", "1.45", "--seed", "3"),
     ("run", "--forecasts"),
     ("run", "--meal-size-spread", "20", "--seed", "3"),
@@ -330,8 +347,8 @@ def test_what_a_patient_a_rhythm_or_a_controller_uses_is_not_noted(patient_81, s
 
 
 ALWAYS_OF_STUDIES = {
-    "situation": """patient setpoint_mg_dl profile_error targets overrides rescue rhythm actions events sensor pump
-        faults warm_up_min metrics sample_time_min
+    "situation": """patient setpoint_mg_dl profile_error targets overrides rescue glucagon rhythm actions events sensor
+        pump faults warm_up_min metrics sample_time_min
         allow_unusual controller guard model days duration_min meals habits exercise scenario
         initial_glucose_mg_dl integrator changes""",
     "people": "people population first_person traces precision arithmetic shard_people",

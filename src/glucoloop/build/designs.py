@@ -234,7 +234,14 @@ def _pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
 
 
 def with_actions(controller: Controller, situation: Situation, profile: Profile | None) -> Controller:
-    """A controller with what the person does and tells in a situation, with the profile of the person or of people."""
+    """A controller with glucagon, and what the person does and tells, with the profile of the person or of people."""
+    if situation.glucagon is not None:
+        controller = situation.glucagon.made(
+            inner=controller,
+            profile=profile,
+            sample_time_min=controller.sample_time_min,
+            subcutaneous=situation.patient.subcutaneous,
+        )
     for action in situation.actions:
         controller = action.made(
             inner=controller,

@@ -72,9 +72,10 @@ def pump_of(situation: Situation) -> Pump:
     """Pump of a situation without its faults: the one that is named, and the smallest step of its rate around it."""
     limits, bolus = situation.limits, situation.bolus
     pump: Pump = situation.pump.made(
-        inner=LimitedPump(limits=limits, bolus=bolus),
+        inner=LimitedPump(limits=limits, bolus=bolus, glucagon=situation.glucagon_limits),
         limits=limits,
         bolus=bolus,
+        glucagon=situation.glucagon_limits,
         sample_time_min=situation.sample_time_min,
     )
     resolution = situation.pump.resolution_mU_min

@@ -31,6 +31,7 @@ HOMES: Final = {
     "profile error": "glucoloop.situations.profile_error:PROFILE_ERRORS",
     "override": "glucoloop.situations.override:OVERRIDES",
     "action": "glucoloop.control.action:ACTIONS",
+    "glucagon controller": "glucoloop.control.glucagon:GLUCAGON",
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
     "rhythm": "glucoloop.physiology.rhythm:RHYTHMS",

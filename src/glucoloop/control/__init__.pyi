@@ -1,5 +1,7 @@
 from .basal_bolus import BasalBolus as BasalBolus
 from .catalogue import CONTROLLERS as CONTROLLERS
+from .glucagon import MiniDoseGlucagon as MiniDoseGlucagon
+from .glucagon import ThresholdGlucagon as ThresholdGlucagon
 from .guard import Guard as Guard
 from .guard import guarded as guarded
 from .guard_settings import GuardSettings as GuardSettings

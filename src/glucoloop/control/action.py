@@ -9,29 +9,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import KW_ONLY
-from typing import Annotated, Any, ClassVar, Final, Self
+from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import BOLUSES, PROFILE, READINGS, TEMPORARY_TARGETS, Need
-from glucoloop.component.pytree_component import DATA, HOST, STATIC, PytreeComponent, derived, wired
+from glucoloop.component.pytree_component import HOST, derived, wired
 from glucoloop.component.setting import About
+from glucoloop.control.around import ControllerAround
 from glucoloop.control.decision import is_known
-from glucoloop.control.protocol import (
-    Controller,
-    Decision,
-    DoseForecast,
-    Observation,
-    computed_settings,
-    draws,
-    forecast_of,
-    gives_boluses,
-    uses_of,
-)
+from glucoloop.control.protocol import Decision, DoseForecast, Observation, forecast_of, gives_boluses
 from glucoloop.limits import LONGEST_RUN_MIN
-from glucoloop.therapy import Profile, given_profile
 from glucoloop.unit_guess import GLUCOSE_BOUND
 from glucoloop.units import MU_PER_U
 
@@ -48,7 +37,7 @@ class _ActionState:
     given_mU: jax.Array
 
 
-class ActionComponent(PytreeComponent):
+class ActionComponent(ControllerAround):
     """Declaration of an action: a controller around another one, with what the person does or tells.
 
     One that tells something has the method `tell`, and one that stops boluses `confirms`; one that gives insulin has
@@ -59,44 +48,17 @@ class ActionComponent(PytreeComponent):
     doses: ClassVar[bool] = False
     """Whether it gives boluses."""
 
-    _: KW_ONLY
-    inner: Controller = wired(DATA, default=None)
-    profile: Profile | None = wired(HOST, default=None)
-    sample_time_min: float = wired(STATIC, default=5.0)
     warm_up_min: float = wired(HOST, default=0.0)
     """Time before minute 0 of the settings."""
 
     @property
     def gives_boluses(self) -> bool:
         """Whether it or the inner controller gives boluses."""
-        return self.doses or gives_boluses(self.inner)
+        return self.doses or super().gives_boluses
 
     def uses(self) -> frozenset[Need]:
         """Needs that the action meets by itself."""
         return frozenset({READINGS, PROFILE, BOLUSES} if self.doses else ())
-
-    @property
-    def used(self) -> frozenset[Need]:
-        """Needs that the inner controller meets, and the action."""
-        return uses_of(self.inner) | self.uses()
-
-    @property
-    def draws(self) -> bool:
-        """Whether the inner controller draws random numbers."""
-        return draws(self.inner)
-
-    @property
-    def needs_time_of_day(self) -> bool:
-        """Whether the inner controller goes by the time of day."""
-        return bool(getattr(self.inner, "needs_time_of_day", False))
-
-    def settled(self) -> dict[str, Any]:
-        """Settings of the inner controller that were settled when it was designed."""
-        return dict(computed_settings(self.inner))
-
-    def with_profile(self, profile: Profile) -> Self:
-        """The same of a person with the given profile, which the inner controller gets too if it takes it."""
-        return self.made(inner=given_profile(self.inner, profile), profile=profile)  # type: ignore[no-any-return]
 
     @derived
     def first_min(self) -> float:

@@ -26,6 +26,13 @@ from glucoloop.control.guard_doses import (
     repaired_doses,
     updated_doses,
 )
+from glucoloop.control.guard_glucagon import (
+    GlucagonHistory,
+    allowed_glucagon,
+    no_glucagon,
+    repaired_glucagon,
+    with_glucagon,
+)
 from glucoloop.control.guard_readings import (
     ReadingHistory,
     initial_readings,
@@ -45,6 +52,7 @@ from glucoloop.control.protocol import (
     draws,
     forecast_of,
     gives_boluses,
+    gives_glucagon,
     uses_of,
 )
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -78,6 +86,8 @@ class _GuardState:
     """Indicator, 1 while insulin is suspended, else 0."""
     bolus_mU: jax.Array | None = None
     """Last bolus that the guard asked for; None where the inner controller gives none."""
+    glucagon: GlucagonHistory | None = None
+    """Glucagon that the guard asked for; None where the inner controller gives none."""
 
 
 class _Accepted(NamedTuple):
@@ -129,6 +139,11 @@ class Guard:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def gives_glucagon(self) -> bool:
+        """Whether the inner controller decides on glucagon."""
+        return gives_glucagon(self.inner)
 
     @property
     def uses(self) -> frozenset[Need]:
@@ -195,6 +210,7 @@ class Guard:
             setpoint_mg_dl=setpoint,
             suspended=jnp.zeros_like(delivered),
             bolus_mU=no_bolus,
+            glucagon=no_glucagon(delivered) if self.gives_glucagon else None,
         )
 
     def step(self, state: _GuardState, observation: Observation) -> tuple[_GuardState, Decision]:
@@ -257,6 +273,12 @@ class Guard:
             )
             limited = limited | (requested > bolus)
 
+        glucagon, history = decision.glucagon_ug, state.glucagon
+        if glucagon is not None and history is not None:
+            low = trusted & sound & (readings.glucose_mg_dl < setpoint)
+            glucagon = allowed_glucagon(history, glucagon, low, settings)
+            history = with_glucagon(history, glucagon, every)
+
         status = decision.status
         for holds, kind in (
             (~within, Status.SATURATED),
@@ -276,8 +298,9 @@ class Guard:
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended, 1.0, 0.0).astype(dose.dtype),
             bolus_mU=bolus,
+            glucagon=history,
         )
-        return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus)
+        return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus, glucagon_ug=glucagon)
 
     def forecast(self, state: _GuardState, observation: Observation) -> DoseForecast | None:
         """Forecast of the inner controller by the accepted inputs; the guard may give less than it plans."""
@@ -340,6 +363,7 @@ class Guard:
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
             bolus_mU=None if bolus is None else jnp.where(intact, bolus, largest),
+            glucagon=None if state.glucagon is None else repaired_glucagon(state.glucagon, self.settings),
         )
 
     @property
@@ -477,6 +501,8 @@ def guarded(
        window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
        given while insulin is suspended nor on a reading that is not accepted, unless a meal is announced; and none at
        all while a possible reading is low or no reading was accepted for long.
+    8. Glucagon, of a controller that gives it, is cut so that no hour and no 24 hours hold more than their caps; none
+       is given above the setpoint, nor on a reading that is not accepted.
 
     Where a person's own carbohydrate ratio or correction factor is known, ``with_profile`` scales ``B_max``, the cap of
     the hour and ``F`` by it, up to the setting ``profile_span``.

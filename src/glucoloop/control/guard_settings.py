@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Final, Protocol
 
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.effects import PROFILE, READINGS, Need
+from glucoloop.component.effects import GLUCAGON, PROFILE, READINGS, Need
 from glucoloop.component.request import Request, completed
 from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
 from glucoloop.component.setting import About
@@ -77,6 +77,9 @@ class GuardSettings(Component, name="usual"):
       30 min ahead; with 40 fewer people went low after an occlusion;
     - dose in an hour: OpenAPS allows 3 times the largest basal rate of the day; the paper's pump gives at most 2.6
       times the nominal one;
+    - glucagon in a day: 1 mg is the largest that is recommended (doi:10.1177/1932296819879093); in an hour: the largest
+      of the doses of Haymond et al. (2016, doi:10.2337/dc15-2124); none above the setpoint, and none on a reading that
+      is not accepted;
     - insulin on board: the time constant of glucose after a step of insulin is 89 min, and glucose of the nominal
       patient falls by 77 mg/dl, in the end, under twice the basal rate.
     """
@@ -136,6 +139,13 @@ class GuardSettings(Component, name="usual"):
             "those of the basal rate alone."
         ),
     ] = 1.0
+
+    max_glucagon_hour_ug: Annotated[
+        float, _limit("Most glucagon in any hour, of a controller that gives it.", needs=(GLUCAGON,))
+    ] = 300.0
+    max_glucagon_day_ug: Annotated[
+        float, _limit("Most glucagon in any 24 hours, of a controller that gives it.", needs=(GLUCAGON,))
+    ] = 1000.0
 
     def uses(self) -> frozenset[Need]:
         """A guard uses readings, and the profile of a person in its limits."""

@@ -21,6 +21,7 @@ from glucoloop.control.protocol import (
     draws,
     forecast_of,
     gives_boluses,
+    gives_glucagon,
     uses_of,
 )
 from glucoloop.refusal import Refusal
@@ -65,6 +66,11 @@ class Paced:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def gives_glucagon(self) -> bool:
+        """Whether the inner controller decides on glucagon."""
+        return gives_glucagon(self.inner)
 
     @property
     def uses(self) -> frozenset[Need]:
@@ -142,7 +148,13 @@ class Paced:
             rescue_g=acted(None if state.rescue_g is None else zero, seen.rescue_carbs_g),
             in_min=None if in_min is None else jnp.where(due, jnp.inf, in_min),
         )
-        return state, Decision(insulin_mU_min=insulin, status=status, bolus_mU=acted(decision.bolus_mU, no_bolus))
+        no_glucagon = None if decision.glucagon_ug is None else zero
+        return state, Decision(
+            insulin_mU_min=insulin,
+            status=status,
+            bolus_mU=acted(decision.bolus_mU, no_bolus),
+            glucagon_ug=acted(decision.glucagon_ug, no_glucagon),
+        )
 
     def forecast(self, state: _PacedState, observation: Observation) -> DoseForecast | None:
         """Forecast of the inner controller where it acts, and NaN between."""
@@ -195,7 +207,7 @@ def paced(controller: Controller, sample_time_min: float) -> Controller:
     The controller acts at the first sample of the loop and then each time that its own sample time has passed. It is
     told of the newest valid reading since it acted, the mean of the rates that the pump reported, the sum of the
     boluses, and the sum of the announced carbohydrate, with the time at which the first of it is eaten. Between, its
-    rate and its status hold, and no bolus is given.
+    rate and its status hold, and neither a bolus nor glucagon is given.
 
     Parameters
     ----------

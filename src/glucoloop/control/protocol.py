@@ -130,6 +130,19 @@ class Decision:
     """Insulin given at once, beside the basal rate; 0 for none at this sample, and None from a controller without
     boluses. A controller with boluses has ``gives_boluses = True``.
     """
+    glucagon_ug: jax.Array | None = None
+    """Glucagon that is given from this sample to the next, by the second route of the pump; 0 for none, and None from a
+    controller without glucagon. One with glucagon has ``gives_glucagon = True``.
+    """
+
+
+def gives_glucagon(controller: object) -> bool:
+    """Whether a controller decides on glucagon too.
+
+    A controller declares it by an attribute ``gives_glucagon``, which a wrapper passes on. All its decisions then hold
+    an amount.
+    """
+    return bool(getattr(controller, "gives_glucagon", False))
 
 
 @pytree

@@ -24,6 +24,7 @@ from glucoloop.control.protocol import (
     draws,
     forecast_of,
     gives_boluses,
+    gives_glucagon,
     uses_of,
 )
 from glucoloop.therapy import TARGET, Profile, Schedule, given_profile
@@ -52,6 +53,11 @@ class Scheduled:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def gives_glucagon(self) -> bool:
+        """Whether the inner controller decides on glucagon."""
+        return gives_glucagon(self.inner)
 
     @property
     def uses(self) -> frozenset[Need]:
@@ -150,10 +156,12 @@ def scheduled(controller: Controller, schedule: Schedule, profile: Profile) -> S
     >>> len(by_clock.segments)
     3
     """
-    profiles = schedule.profiles(profile, controller.sample_time_min)
+    dtype = jnp.asarray(profile.basal_mU_min).dtype
+    numbers = jax.tree.map(lambda value: jnp.asarray(value, dtype), profile)
+    profiles = schedule.profiles(numbers, controller.sample_time_min)
     first, *others = (given_profile(controller, of_segment) for of_segment in profiles)
     leaves, rows = jax.tree.leaves(first), [jax.tree.leaves(other) for other in others]
-    # what does not depend on the profile is the same object in all, whoever the people are
+    # what no segment changes is the same array in all, whoever the people are
     varies = tuple(any(row[number] is not leaf for row in rows) for number, leaf in enumerate(leaves))
     segments = tuple(tuple(itertools.compress(row, varies)) for row in rows)
     return Scheduled(inner=first, segments=segments, schedule=schedule, varies=varies)

@@ -10,7 +10,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, draws, gives_boluses
+from glucoloop.control.protocol import (
+    Controller,
+    Decision,
+    Observation,
+    Status,
+    draws,
+    gives_boluses,
+    gives_glucagon,
+)
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.source import LastClamp, Source, Traced, trace, write_source
@@ -61,6 +69,11 @@ def export(
         raise Refusal(f"the precision is {precision!r}; give {' or '.join(PRECISIONS)}")
     if draws(controller):
         raise Refusal(f"{type(controller).__name__} draws random numbers, which C has not; export one that draws none")
+    if gives_glucagon(controller):
+        raise Refusal(
+            f"{type(controller).__name__} gives glucagon, for which the pump in C has no route; export the controller "
+            "of insulin alone"
+        )
     real = np.dtype(precision)
 
     def cast(leaf: Any) -> Any:

@@ -5,7 +5,8 @@ record, unlike a model, whose few functions may end before it. Its weights have 
 logarithm of the time constant. Where the slowest response ends, how large the gain is and how the errors of the
 readings go on in time (white noise, or a disturbance that lasts for minutes to days beside it) are not known: each
 combination on a grid counts by its marginal likelihood, so that the interval is as wide as what the record leaves open.
-A response that is slower than the record can show is not seen.
+A person responds less, or more, the farther glucose is from rest: beside the responses stands the square of the
+likeliest one, with a prior of its own. A response that is slower than the record can show is not seen.
 
 G. Pillonetto, F. Dinuzzo, T. Chen, G. De Nicolao, L. Ljung, "Kernel methods in system identification, machine learning
 and function estimation: a survey", Automatica 50(3), 657-682, 2014. J. A. Hoeting, D. Madigan, A. E. Raftery, C. T.
@@ -47,6 +48,9 @@ _NOISES: Final = (
 )
 """Coefficients of autoregressive moving averages of the first order: white noise, beside what decays by `ar` a sample.
 """
+_BEND: Final = 0.25
+"""Standard deviation of the prior of the square, in parts of the response, where the response is largest; the gain then
+changes by twice that."""
 _LEAST_NOISE_MG_DL: Final = 1e-6
 """Least standard deviation of the errors; rounding makes less."""
 _NEGLIGIBLE: Final = 1e-9
@@ -72,31 +76,29 @@ def gain_interval(
     are left of a record that does not start at rest, it is from minus to plus the largest gain that is thought of.
     """
     from scipy.optimize import brentq
-    from scipy.signal import lfilter
 
     taus_min = _time_constants(insulin_deviation.size * sample_time_min)
     responses = _responses(insulin_deviation, sample_time_min, taus_min)[-readings_mg_dl.size :]
     unknown = np.column_stack([other_columns, np.ones(readings_mg_dl.size)])
+    deviations = _GAINS * gain_scale
+    nothing_known = -float(deviations[-1]), float(deviations[-1])
     if not starts_at_rest:  # what is left of insulin before the record
         t_min = sample_time_min * np.arange(readings_mg_dl.size)
         unknown = np.column_stack([unknown, np.exp(-t_min / taus_min[-1])])
-    deviations = _GAINS * gain_scale
-    nothing_known = -float(deviations[-1]), float(deviations[-1])
-    if readings_mg_dl.size <= unknown.shape[1]:
+    if readings_mg_dl.size <= unknown.shape[1] + 1:
         return nothing_known
     priors, slowest_min = _priors(taus_min)
-    table = np.column_stack([readings_mg_dl - readings_mg_dl[0], unknown, responses])
-    parts = []
-    for ar, ma in _NOISES:
-        white = lfilter([1.0, -ar], [1.0, -ma], table, axis=0)
-        readings, others, responding = np.split(white, [1, 1 + unknown.shape[1]], axis=1)
-        parts.append(_posterior(readings[:, 0], others, responding, priors, deviations))
-    means, errors, logs = (np.concatenate(part) for part in zip(*parts, strict=True))
+    shares, _, logs = _posteriors(readings_mg_dl, unknown, responses, priors, deviations, taus_min.size)
     weights = np.exp(logs - logs.max())
     shown_min = _SLOWEST * readings_mg_dl.size * sample_time_min
     too_slow = np.tile(np.repeat(slowest_min > shown_min, deviations.size), len(_NOISES))
     if weights[too_slow].sum() > 0.5 * weights.sum():
         return nothing_known
+    likeliest = int(np.argmax(logs))
+    bend = _squared(responses @ shares[likeliest]) / deviations[likeliest % deviations.size]
+    responses, priors = np.column_stack([responses, bend]), _with_one_more(priors)
+    shares, errors, logs = _posteriors(readings_mg_dl, unknown, responses, priors, deviations, taus_min.size)
+    means, weights = shares[:, : taus_min.size].sum(axis=1), np.exp(logs - logs.max())
     counted = weights > _NEGLIGIBLE * weights.sum()
     means, errors, weights = means[counted], errors[counted], weights[counted] / weights[counted].sum()
     freedom = readings_mg_dl.size - unknown.shape[1]
@@ -148,10 +150,42 @@ def _priors(taus_min: Floats) -> tuple[Floats, Floats]:
     return np.array(factors), np.array(slowest_min)
 
 
-def _posterior(
-    readings: Floats, unknown: Floats, responses: Floats, priors: Floats, deviations: Floats
+def _squared(response: Floats) -> Floats:
+    """Square of a response, as large as the prior has it where the response is largest."""
+    largest = np.abs(response).max()
+    return np.zeros_like(response) if largest == 0.0 else _BEND * response**2 / largest
+
+
+def _with_one_more(priors: Floats) -> Floats:
+    """Priors with one more weight, whose variance is 1."""
+    factors = np.pad(priors, ((0, 0), (0, 1), (0, 1)))
+    factors[:, -1, -1] = 1.0
+    return factors
+
+
+def _posteriors(
+    readings_mg_dl: Floats, unknown: Floats, responses: Floats, priors: Floats, deviations: Floats, of_insulin: int
 ) -> tuple[Floats, Floats, Floats]:
-    """Mean and standard error of the gain and log marginal likelihood, of each prior, for white errors.
+    """Shares of the responses, standard error of the gain and log marginal likelihood, of each combination.
+
+    The gain is the sum of the first shares, of which there are `of_insulin`.
+    """
+    from scipy.signal import lfilter
+
+    table = np.column_stack([readings_mg_dl - readings_mg_dl[0], unknown, responses])
+    parts = []
+    for ar, ma in _NOISES:
+        white = lfilter([1.0, -ar], [1.0, -ma], table, axis=0)
+        readings, others, responding = np.split(white, [1, 1 + unknown.shape[1]], axis=1)
+        parts.append(_posterior(readings[:, 0], others, responding, priors, deviations, of_insulin))
+    shares, errors, logs = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return shares, errors, logs
+
+
+def _posterior(
+    readings: Floats, unknown: Floats, responses: Floats, priors: Floats, deviations: Floats, of_insulin: int
+) -> tuple[Floats, Floats, Floats]:
+    """Mean shares of the responses, error of the gain and log marginal likelihood, of each prior, for white errors.
 
     What is `unknown` has coefficients of any size. The variance of the errors is where the likelihood is greatest.
     """
@@ -164,7 +198,7 @@ def _posterior(
     rotated = np.swapaxes(directions, 1, 2) @ transposed
     squares = np.maximum(squares, 0.0)[:, None]
     projected = (rotated @ (responses.T @ readings))[:, None]
-    of_gain = rotated.sum(axis=-1)[:, None]
+    of_gain = rotated[..., :of_insulin].sum(axis=-1)[:, None]
     prior, total = deviations[:, None] ** 2, float(readings @ readings)
     variance = np.full((len(priors), deviations.size), max(total / freedom, _LEAST_NOISE_MG_DL**2))
     for _ in range(_ITERATIONS):
@@ -177,6 +211,6 @@ def _posterior(
         - 0.5 * (freedom * np.log(variance) + misfit / variance)
         - np.log(sizes).sum()
     )
-    mean = (of_gain * projected * shares).sum(axis=-1)
+    mean = (projected * shares) @ rotated
     error = np.sqrt(variance * (of_gain**2 * shares).sum(axis=-1))
-    return mean.ravel(), error.ravel(), log.ravel()
+    return mean.reshape(-1, mean.shape[-1]), error.ravel(), log.ravel()

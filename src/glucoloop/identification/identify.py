@@ -231,7 +231,7 @@ def identify_record(
         estimate_rms_mg_dl=_rms(left_by_estimate),
         model_rms_mg_dl=_rms(left_by_model),
         meal_impulse_response=meal_impulse_response(of_other_inputs[: meals.shape[1]], record.sample_time_min),
-        reliability=reliability(columns, np.asarray(readings), float(model.gain), interval),
+        reliability=reliability(columns, np.asarray(readings), interval),
         method=method,
     )
 

@@ -1,9 +1,9 @@
 """Reliability of an identified model: how far its gain may be off, and what it predicts of readings not seen.
 
-The margin of the gain reaches both ends of the interval that the record leaves open, see `gain_interval`. For the
-variance explained the readings are divided into contiguous blocks, and the response is fitted again without each block
-in turn. Blocks, not single readings, are left out because what a model leaves of glucose is correlated over hours
-(meals that nobody wrote down, exercise, drift).
+The person's gain is in the interval that the record leaves open, see `gain_interval`. For the variance explained the
+readings are divided into contiguous blocks, and the response is fitted again without each block in turn. Blocks, not
+single readings, are left out because what a model leaves of glucose is correlated over hours (meals that nobody wrote
+down, exercise, drift).
 
 A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, Sec. 2.4.3.
 """
@@ -30,8 +30,9 @@ _NEGLIGIBLE: Final = 1e-9
 class Reliability:
     """Quality of an identified model according to the record."""
 
-    gain_margin: float
-    """Distance of the gain to the farther end of the 95 % interval of the person's gain [mg/dl per mU/min]."""
+    gain_from: float
+    gain_to: float
+    """Ends of the 95 % interval of the person's gain [mg/dl per mU/min]."""
     explained_percent: float
     """Part of the variance of left-out readings that the fit predicts: 100 is perfect, 0 as good as a mean."""
 
@@ -41,9 +42,9 @@ def doubts(
 ) -> tuple[str, ...]:
     """Reasons why no controller should be designed on a model, one sentence each; empty for a sound model.
 
-    A gain differs from 0 if its confidence interval does not reach 0. The true gain is then at most twice the model's,
-    so a loop designed with the customary gain margin of 2 is stable on the person as well. A gain is too large if a
-    tenth of the basal rate more would take all glucose away.
+    The confidence interval of the person's gain reaches neither 0 nor twice the model's gain, so that a loop designed
+    with the customary gain margin of 2 is stable on the person as well. A gain is too large if a tenth of the basal
+    rate more would take all glucose away.
 
     Parameters
     ----------
@@ -58,11 +59,12 @@ def doubts(
     result = []
     if not gain < 0.0:
         result.append(f"{sentence}, so more insulin would raise glucose; in a person it lowers glucose.")
-    elif reliability is not None and not reliability.gain_margin < -gain:
-        margin = f"{reliability.gain_margin:.3g} ({100 * CONFIDENCE:g} % confidence)"
+    elif reliability is not None and not 2.0 * gain < reliability.gain_from <= reliability.gain_to < 0.0:
+        interval = f"{reliability.gain_from:.3g} to {reliability.gain_to:.3g} ({100 * CONFIDENCE:g} % confidence)"
+        reason = "may be more than twice that" if reliability.gain_to < 0.0 else "cannot be distinguished from 0"
         result.append(
-            f"{sentence}, give or take {margin}, so it cannot be distinguished from 0. "
-            "A longer record, a longer memory or insulin that changes more would make it smaller than the gain."
+            f"{sentence}, and the person's is from {interval}, so it {reason}. "
+            "A longer record, a longer memory or insulin that changes more would make the interval narrower."
         )
     if not glucose_mg_dl + 0.1 * basal_insulin_mU_min * gain > 0.0:
         result.append(
@@ -77,12 +79,13 @@ def doubts(
     return tuple(result)
 
 
-def reliability(columns: Floats, readings: Floats, gain: float, interval: tuple[float, float]) -> Reliability:
-    """Quality of a model by its regression, its gain and the interval of the person's gain."""
+def reliability(columns: Floats, readings: Floats, interval: tuple[float, float]) -> Reliability:
+    """Quality of a model by its regression and the interval of the person's gain."""
     variation = float(held_out_errors(np.ones((readings.size, 1)), readings).sum())
     misfit = float(held_out_errors(columns, readings).sum())
     return Reliability(
-        gain_margin=max(abs(end - gain) for end in interval),
+        gain_from=interval[0],
+        gain_to=interval[1],
         explained_percent=100.0 * (1.0 - misfit / variation) if np.ptp(readings) else 0.0,
     )
 

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
+from glucoloop.limits import LARGEST_MEAL_G
 from glucoloop.meals.protocol import Eaten
-from glucoloop.meals.scenario import LARGEST_MEAL_G, Meal
+from glucoloop.meals.scenario import Meal
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY
 

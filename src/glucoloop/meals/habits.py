@@ -8,12 +8,15 @@ else is drawn, and no day on how many follow.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
+from glucoloop._lazy_jax import np, scipy
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import ANNOUNCEMENTS, Need
 from glucoloop.component.setting import About
+from glucoloop.limits import LARGEST_MEAL_G
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import MEAL
 from glucoloop.units import MIN_PER_DAY
@@ -70,6 +73,33 @@ class Unannounced(HabitComponent, name="unannounced"):
     def lived(self, days: LivedDays) -> LivedDays:
         """Announce nothing of some meals."""
         return days.changed(announced_g=(1.0 - days.happens(self.probability, self.meal)) * days.announced_g)
+
+
+class Varied(HabitComponent, name="varied"):
+    """Meals whose size and time differ from day to day: log-normal sizes about their mean, and normal times."""
+
+    size_sd_pct: Annotated[
+        float,
+        About("Standard deviation of the size, in percent of its mean.", at_least=0.0, at_most=200.0),
+    ] = 30.0
+    time_sd_min: Annotated[
+        float, About("Standard deviation of the time.", at_least=0.0, at_most=_LONGEST_MIN / 2.0)
+    ] = 30.0
+    meal: Which = 0
+
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Vary sizes and times, each by less than three standard deviations."""
+        there = days.happens(1.0, self.meal)
+        size_z, time_z = (np.clip(scipy.special.ndtri(days.uniform(what)), -3.0, 3.0) for what in ("size", "time"))
+        variance = math.log1p((self.size_sd_pct / 100.0) ** 2)
+        size = np.exp(there * (math.sqrt(variance) * size_z - variance / 2.0))
+        later_min = there * self.time_sd_min * time_z
+        return days.changed(
+            carbs_g=np.minimum(size * days.carbs_g, LARGEST_MEAL_G),
+            announced_g=np.minimum(size * days.announced_g, LARGEST_MEAL_G),
+            t_min=days.t_min + later_min,
+            announced_min=days.announced_min + later_min,
+        )
 
 
 class Uneaten(HabitComponent, name="uneaten"):
@@ -177,6 +207,7 @@ HABITS: Final = Catalogue(
     {
         "skipped": "glucoloop.meals.habits:Skipped",
         "unannounced": "glucoloop.meals.habits:Unannounced",
+        "varied": "glucoloop.meals.habits:Varied",
         "uneaten": "glucoloop.meals.habits:Uneaten",
         "announced-late": "glucoloop.meals.habits:AnnouncedLate",
         "snack": "glucoloop.meals.habits:Snack",

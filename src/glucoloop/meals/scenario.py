@@ -13,7 +13,7 @@ import numpy as np
 
 from glucoloop._representation import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
-from glucoloop.limits import LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
+from glucoloop.limits import LARGEST_MEAL_G, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import check_meal_model, meal_model, meal_model_of
@@ -26,7 +26,6 @@ from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import GLUCOSE, SETPOINT, refuse_unusual
 from glucoloop.units import MIN_PER_DAY
 
-LARGEST_MEAL_G: Final = 1000.0
 LONGEST_EATING_MIN: Final = MIN_PER_DAY
 
 

@@ -29,6 +29,7 @@ METRICS: Final = Catalogue(
         "samples": "glucoloop.metrics.dosing:Samples",
         "constraints": "glucoloop.metrics.dosing:Constraints",
         "rescues": "glucoloop.metrics.dosing:Rescues",
+        "glucagon": "glucoloop.metrics.dosing:Glucagon",
         "sensor-accuracy": "glucoloop.metrics.accuracy:SensorAccuracy",
     },
     example="sensor-accuracy",

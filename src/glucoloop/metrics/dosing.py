@@ -247,9 +247,16 @@ class Samples(Metric, name="samples"):
 
 
 @pytree
-class _Eaten:
-    total_g: jax.Array
+class _Amounts:
+    total: jax.Array
     times: jax.Array
+
+
+def _with_amount(state: _Amounts, amount: jax.Array | None) -> _Amounts:
+    """Total and times after a sample; nothing changes where there is no such amount."""
+    if amount is None:
+        return state
+    return _Amounts(total=state.total + amount, times=state.times + count(amount > 0.0, state.times))
 
 
 class Rescues(Metric, name="rescues"):
@@ -264,15 +271,32 @@ class Rescues(Metric, name="rescues"):
         Result("rescues", "Times that it was eaten.", "Times", digits=0),
     )
 
-    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Eaten:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Amounts:
         zero = jnp.zeros_like(glucose_mg_dl)
-        return _Eaten(total_g=zero, times=zero)
+        return _Amounts(total=zero, times=zero)
 
-    def sample(self, trajectory: Trajectory, state: _Eaten, happened: Sampled, t_min: jax.Array) -> _Eaten:
-        if happened.rescue_g is None:
-            return state
-        eaten = happened.rescue_g
-        return _Eaten(total_g=state.total_g + eaten, times=state.times + count(eaten > 0.0, state.times))
+    def sample(self, trajectory: Trajectory, state: _Amounts, happened: Sampled, t_min: jax.Array) -> _Amounts:
+        return _with_amount(state, happened.rescue_g)
 
-    def finish(self, trajectory: Trajectory, state: _Eaten, ended: Ended) -> dict[str, Any]:
-        return {"rescue_carbs_g": state.total_g, "rescues": state.times}
+    def finish(self, trajectory: Trajectory, state: _Amounts, ended: Ended) -> dict[str, Any]:
+        return {"rescue_carbs_g": state.total, "rescues": state.times}
+
+
+class Glucagon(Metric, name="glucagon"):
+    """Glucagon that was delivered, and how often, where the pump gives any."""
+
+    section = "Glucagon"
+    numbers = (
+        Result("glucagon_total_ug", "Glucagon that was delivered.", "Glucagon", "ug", 0),
+        Result("glucagon_doses", "Samples at which it was delivered.", "Doses", digits=0),
+    )
+
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Amounts:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return _Amounts(total=zero, times=zero)
+
+    def sample(self, trajectory: Trajectory, state: _Amounts, happened: Sampled, t_min: jax.Array) -> _Amounts:
+        return _with_amount(state, happened.delivery.glucagon_ug)
+
+    def finish(self, trajectory: Trajectory, state: _Amounts, ended: Ended) -> dict[str, Any]:
+        return {"glucagon_total_ug": state.total, "glucagon_doses": state.times}

@@ -32,6 +32,15 @@ def takes_exercise(patient: Patient) -> bool:
     return declared
 
 
+def refuse_glucagon(patient: Any, called: str = "") -> None:
+    """Refuse glucagon of a patient whose equations have no infusion of it."""
+    if not getattr(patient, "takes_glucagon", False):
+        raise Refusal(
+            f"the equations of {called or type(patient).__name__} have no infusion of glucagon, so it would change "
+            "nothing; leave it out, or take a patient that has it, such as parker-1999 or wilinska-2010-glucagon"
+        )
+
+
 def paced(
     patient: Patient, sensitivity: jax.Array | None = None, production_mg_kg_min: jax.Array | None = None
 ) -> Patient:

@@ -39,6 +39,7 @@ PATIENTS: Final = _Patients(
         "kanderian-2009": "glucoloop.patients.kanderian:KanderianPatient",
         "roy-parker-2007": "glucoloop.patients.roy_parker2007:RoyParkerPatient",
         "mcgill-2020": "glucoloop.patients.mcgill2020:McGillPatient",
+        "wilinska-2010-glucagon": "glucoloop.patients.hovorka.patient:WilinskaGlucagon",
     },
     example="parker-1999, operating_point=nominal-22",
     unnamed=True,

@@ -95,6 +95,8 @@ class PatientComponent(PytreeComponent):
     """List of the constants that can vary, for the refusal of an unknown one."""
     rest: ClassVar[Rest]
     """Functions by which a person rests."""
+    extends: ClassVar[str] = ""
+    """Name of the patient that it is without what it adds; a league leaves it out by default."""
     timeless: ClassVar[bool] = False
     """Whether its equations are the same at any time of day; one that does not say is taken to follow the clock."""
     insulin_route: ClassVar[str] = INTRAVENOUS

@@ -42,7 +42,8 @@ class OdePatient(PatientComponent):
     ``operating_points``, each at a glucose, and ``pulse_mU_min`` it joins every command; with ``populations`` and
     ``variations`` it has people of its own. Equations of the clock
     rest with the clock at midnight. With ``takes_exercise = True`` the derivative may read ``inputs.exercise_pct``,
-    which is 0 at steady state. Rhythms change the constants that ``insulin_sensitivity`` names, a tuple of those that
+    which is 0 at steady state, and with ``takes_glucagon = True`` ``inputs.glucagon_ug_min``, which is None where none
+    is given. Rhythms change the constants that ``insulin_sensitivity`` names, a tuple of those that
     are proportional to sensitivity, and ``glucose_production``, a mapping of constants to what 1 mg/kg/min adds to
     each.
 

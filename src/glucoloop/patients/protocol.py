@@ -18,13 +18,25 @@ class Inputs:
     """Rate at which glucose from meals appears in the gut's blood."""
     exercise_pct: jax.Array | npt.NDArray[np.float64] | float = 0.0
     """Oxygen uptake above that at rest, in percent of the largest; only a patient that `takes_exercise` reads it."""
+    glucagon_ug_min: jax.Array | None = None
+    """Glucagon infusion rate, or None without any; only a patient that `takes_glucagon` reads it."""
 
 
-def inputs_of(insulin_mU_min: jax.Array, meal_mg_min: jax.Array, exercise_pct: jax.Array | None = None) -> Inputs:
+def inputs_of(
+    insulin_mU_min: jax.Array,
+    meal_mg_min: jax.Array,
+    exercise_pct: jax.Array | None = None,
+    glucagon_ug_min: jax.Array | None = None,
+) -> Inputs:
     """Inputs of one person or of people, with exercise in the shape of insulin; without any it is a constant 0."""
     shape = jnp.shape(insulin_mU_min)
     exercise = np.zeros(shape) if exercise_pct is None else jnp.broadcast_to(exercise_pct, shape)
-    return Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=meal_mg_min, exercise_pct=exercise)
+    return Inputs(
+        insulin_mU_min=insulin_mU_min,
+        meal_mg_min=meal_mg_min,
+        exercise_pct=exercise,
+        glucagon_ug_min=glucagon_ug_min,
+    )
 
 
 @runtime_checkable

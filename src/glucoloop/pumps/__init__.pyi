@@ -6,6 +6,7 @@ from .limits import PARKER_1999_LIMITS as PARKER_1999_LIMITS
 from .limits import PUMPS as PUMPS
 from .limits import BolusLimits as BolusLimits
 from .limits import DoseLimits as DoseLimits
+from .limits import GlucagonLimits as GlucagonLimits
 from .limits import LimitedPump as LimitedPump
 from .limits import PumpAround as PumpAround
 from .limits import PumpComponent as PumpComponent

@@ -15,7 +15,7 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.effects import BOLUSES
+from glucoloop.component.effects import BOLUSES, GLUCAGON
 from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, wired
 from glucoloop.component.routes import PUMP_OF_1999
 from glucoloop.component.setting import About, known_names
@@ -103,9 +103,30 @@ class BolusLimits:
         It is rounded down to whole steps, and the remainder is not given later. A bolus above the largest one is cut to
         it. One that is below the minimum, below zero or not finite is not given at all.
         """
-        wanted = jnp.where(jnp.isfinite(bolus_mU) & (bolus_mU > 0.0), bolus_mU, 0.0)
-        whole = jnp.floor(jnp.minimum(wanted, self.max_mU) / self.step_mU + _HAIR) * self.step_mU
+        whole = _whole_steps(bolus_mU, self.max_mU, self.step_mU)
         return jnp.where(whole >= self.min_mU - _HAIR * self.step_mU, whole, 0.0)
+
+
+def _whole_steps(dose: jax.Array, most: jax.Array | float, step: jax.Array | float) -> jax.Array:
+    """Dose cut to the largest and rounded down to whole steps; 0 where it is below zero or not finite."""
+    wanted = jnp.where(jnp.isfinite(dose) & (dose > 0.0), dose, 0.0)
+    return jnp.floor(jnp.minimum(wanted, most) / step + _HAIR) * step
+
+
+@pytree
+class GlucagonLimits:
+    """Bounds and resolution of glucagon from one sample to the next, by a second route of the pump.
+
+    The step is a pulse of 0.5 ul, as pumps of insulin have it, of 1 mg/ml; the largest amount is the largest of the
+    doses of M. W. Haymond et al., Diabetes Care 39(3), 2016, 465-468.
+    """
+
+    max_ug: jax.Array | float = 300.0
+    step_ug: jax.Array | float = 0.5
+
+    def allowed(self, glucagon_ug: jax.Array) -> jax.Array:
+        """Amount that a pump gives for a requested one, any number or NaN, as a bolus: rounded down to whole steps."""
+        return _whole_steps(glucagon_ug, self.max_ug, self.step_ug)
 
 
 DEFAULT_BOLUS_LIMITS: Final = BolusLimits()
@@ -146,6 +167,7 @@ def bolus_limits(*, max_U: float = 25.0, min_U: float = 0.05, step_U: float = 0.
 
 _limit: Final = functools.partial(About, at_most=10_000.0)
 _bolus: Final = functools.partial(About, at_most=1000.0, needs=(BOLUSES,))
+_glucagon: Final = functools.partial(About, at_most=10_000.0, above=0.0, needs=(GLUCAGON,))
 
 
 class PumpComponent(PytreeComponent):
@@ -188,6 +210,8 @@ class PumpComponent(PytreeComponent):
         _bolus("Step of a bolus, which is rounded down to whole ones.", above=0.0, quantity=BOLUS_STEP),
         HOST,
     ] = 0.05
+    max_glucagon_ug: Annotated[float, _glucagon("Most glucagon of the pump from one sample to the next."), HOST] = 300.0
+    glucagon_step_ug: Annotated[float, _glucagon("Step of glucagon, which is rounded down to whole ones."), HOST] = 0.5
     sample_time_min: float = wired(HOST, default=5.0)
 
     def __init_subclass__(cls, **more: Any) -> None:
@@ -251,6 +275,8 @@ class LimitedPump(PumpComponent, name="limited"):
     limits: DoseLimits = wired(DATA, default=None)
     """Limits of the rate; by default those of the settings."""
     bolus: BolusLimits = wired(DATA, default=None)
+    glucagon: GlucagonLimits | None = wired(DATA, default=None)
+    """Limits of a second route; None for a pump without one."""
 
     @classmethod
     def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:

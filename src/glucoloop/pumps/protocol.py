@@ -22,12 +22,15 @@ class Delivery:
     """Bolus that reaches the patient before the next command, beside the basal rate, or None without a request."""
     reported_bolus_mU: jax.Array | None = None
     """Bolus that the pump reports; NaN if it reports nothing."""
+    glucagon_ug: jax.Array | None = None
+    """Glucagon that reaches the patient until the next command, which the loop adds; None without a request."""
 
 
 class Pump(Protocol):
     """Turns a commanded dose into a delivered one. The state is any pytree; randomness comes from the key alone.
 
-    A pump whose `deliver` has no argument ``bolus_mU`` works with every controller that gives no boluses.
+    A pump whose `deliver` has no argument ``bolus_mU`` works with every controller that gives no boluses, and one
+    without an attribute ``glucagon``, the limits of a second route, with every controller that gives no glucagon.
     """
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Any:
@@ -55,6 +58,20 @@ def deliver(
             "write deliver(self, state, command_mU_min, key, bolus_mU=None), or take a controller without boluses"
         )
     return pump.deliver(state, command_mU_min, key, bolus_mU)
+
+
+def glucagon_route(pump: Pump) -> Any:
+    """Limits of the second route of a pump, or of the pump inside of it; refuse a pump without one."""
+    part: Any = pump
+    while part is not None:
+        limits = getattr(part, "glucagon", None)
+        if limits is not None:
+            return limits
+        part = getattr(part, "inner", None)
+    raise ArgumentTypeError(
+        f"the pump {type(pump).__name__} has no route for glucagon, and the controller asks for some; give it one, as "
+        "in LimitedPump(glucagon=GlucagonLimits()), or take a controller without glucagon"
+    )
 
 
 def gives_bolus(pump: Pump) -> bool:

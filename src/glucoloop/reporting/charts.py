@@ -20,7 +20,7 @@ _T_STEP: Final = 0.1
 """Resolution of times in min; no sample time is a part of one."""
 
 
-class _PlottedQuantity(NamedTuple):
+class PlottedQuantity(NamedTuple):
     """A quantity over time, with a second unit of which `factor` are in its own; values have the resolution `step`."""
 
     name: str
@@ -31,17 +31,18 @@ class _PlottedQuantity(NamedTuple):
     digits: int
 
 
-GLUCOSE: Final = _PlottedQuantity("Glucose", "mg/dl", "mmol/l", other_value(1.0, "mg/dl"), 0.1, 1)
-INSULIN: Final = _PlottedQuantity("Insulin", "mU/min", "U/h", other_value(1.0, "mU/min"), 0.01, 2)
-TIME_IN_RANGE: Final = _PlottedQuantity("Time in range", "%", "", 0.0, 0.1, 1)
-BOLUS: Final = _PlottedQuantity("Boluses", "U", "", 0.0, 0.01, 2)
+GLUCOSE: Final = PlottedQuantity("Glucose", "mg/dl", "mmol/l", other_value(1.0, "mg/dl"), 0.1, 1)
+INSULIN: Final = PlottedQuantity("Insulin", "mU/min", "U/h", other_value(1.0, "mU/min"), 0.01, 2)
+TIME_IN_RANGE: Final = PlottedQuantity("Time in range", "%", "", 0.0, 0.1, 1)
+BOLUS: Final = PlottedQuantity("Boluses", "U", "", 0.0, 0.01, 2)
+GLUCAGON: Final = PlottedQuantity("Glucagon", "ug", "", 0.0, 0.1, 1)
 
 
 @dataclass
 class Panel:
     """One quantity over time; spans of time lie below levels, and both below curves."""
 
-    quantity: _PlottedQuantity
+    quantity: PlottedQuantity
     range: tuple[float, float]
     height: int
     """Height of the panel in pixels."""

@@ -95,7 +95,8 @@ def _case_in_words(case: Case, distinguished: Iterable[str] = (), start_min: flo
 
 def _run_facts(run: Run) -> dict[str, str]:
     start = run.initial_glucose_mg_dl
-    fast = "exponential" if goes_fast(run.nominal) and not (run.exercise or run.rhythm) else "explicit Runge-Kutta"
+    constant_by_minute = bool(run.exercise or run.rhythm) or run.glucagon is not None
+    fast = "exponential" if goes_fast(run.nominal) and not constant_by_minute else "explicit Runge-Kutta"
     integrator = f"{fast if run.integrator == 'fast' else 'adaptive Runge-Kutta'} integrator"
     return {
         **_situation_facts(
@@ -152,6 +153,7 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
         **({"Habits": "; ".join(habit.text for habit in situation.habits)} if situation.habits else {}),
         **({"Exercise": _exercise(situation)} if situation.exercise else {}),
         **({} if situation.rescue is None else {"Rescue carbohydrate": situation.rescue.text}),
+        **({} if situation.glucagon is None else {"Glucagon": situation.glucagon.text}),
         **({"Rhythm": "; ".join(part.text for part in situation.rhythm)} if situation.rhythm else {}),
         **({"Warm-up": _length(situation.warm_up_min)} if situation.warm_up_min else {}),
         "Digestion": "the patient's own model" if situation.meal_model is None else situation.meal_model.text,

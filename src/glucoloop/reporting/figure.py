@@ -61,8 +61,9 @@ def plot(
 
     Above, glucose free of noise, readings as dots where they differ from it, some of the forecasts as thin lines where
     the trace has them, the setpoint, the bound on glucose, each meal with its carbohydrate, and exercise with its
-    intensity. Below, the delivered rate as steps, boluses as stems on an axis in U, the basal rate, and the pump's
-    limits where they come into view. By default they are drawn as in Parker et al. (1999).
+    intensity. Below, the delivered rate as steps, boluses as stems on an axis in U, glucagon as triangles along the
+    upper edge, the basal rate, and the pump's limits where they come into view. By default they are drawn as in Parker
+    et al. (1999).
 
     Parameters
     ----------
@@ -132,6 +133,8 @@ def plot(
         _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
     if any(run.boluses for run in runs):
         _draw_boluses(below, runs, divisor, entries)
+    if any(run.glucagon for run in runs):
+        _draw_glucagon(below, runs, divisor, entries)
     _style.add_legend(figure, entries, width)
     return figure
 
@@ -267,3 +270,21 @@ def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entrie
     right.set_ylabel("Bolus (U)")
     _style.dress_right(right)
     entries["bolus"] = Line2D([], [], color=GREY, linewidth=1.2, marker="o", markersize=3.5)
+
+
+def _draw_glucagon(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
+    """A triangle for each dose along the upper edge, in one row for each run, with the sum in the legend."""
+    total_ug = [sum(amount for _, amount in run.glucagon) for run in runs]
+    for index, run in enumerate(runs):
+        [drawn] = axes.plot(
+            np.array([t for t, _ in run.glucagon]) / divisor,
+            np.full(len(run.glucagon), 0.96 - 0.06 * index),
+            transform=axes.get_xaxis_transform(),
+            linestyle="none",
+            marker="v",
+            markersize=3.5,
+            markeredgewidth=0,
+            color=_style.line_style(index)["color"],
+            zorder=4,
+        )
+    entries[f"glucagon, {' and '.join(f'{total:.0f}' for total in total_ug)} ug in all"] = drawn

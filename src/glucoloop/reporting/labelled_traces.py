@@ -74,9 +74,11 @@ class PlottedRun:
         differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
         differing = valid & (valid & differs).any()
         self.reading_t_min, self.reading_mg_dl = sample_t_min[differing], reading[differing]
-        # times in min, with U of insulin or g of carbohydrate
+        # times in min, with U of insulin, ug of glucagon or g of carbohydrate
         self.boluses = _above_zero(self.t_min, trace.bolus_mU, MU_PER_U)
         self.command_boluses = _above_zero(self.t_min, trace.command_bolus_mU, MU_PER_U)
+        self.glucagon = _above_zero(self.t_min, trace.glucagon_ug)
+        self.command_glucagon = _above_zero(self.t_min, trace.command_glucagon_ug)
         self.meals = _above_zero(self.t_min, trace.carbs_g)
         self.exercise = _bouts(self.t_min, trace.exercise_pct)
         self.forecasts, self.forecasts_every_min = _some_forecasts(trace)

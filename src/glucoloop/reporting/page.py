@@ -13,12 +13,13 @@ from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, TARGET_RANGE_MG_DL, Metrics, clinical_summary
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.reporting.charts import BOLUS, GLUCOSE, INSULIN, Panel, Plot, extent, thinned
+from glucoloop.reporting.charts import BOLUS, GLUCAGON, GLUCOSE, INSULIN, Panel, Plot, PlottedQuantity, extent, thinned
 from glucoloop.reporting.columns import metric_rows
 from glucoloop.reporting.descriptions import fault_in_words, windows
 from glucoloop.reporting.labelled_traces import (
     STATUS_WORDS,
     Floats,
+    Pair,
     PlottedRun,
     exercise_in_words,
     in_view,
@@ -102,7 +103,9 @@ def interactive_page(
     end_min = max(float(run.t_min[-1]) for run in runs)
     panels = [_glucose_panel(runs, lowest_glucose_mg_dl), _insulin_panel(runs, limits)]
     if any(run.boluses or run.command_boluses for run in runs):
-        panels.append(_bolus_panel(runs))
+        panels.append(_stems_panel(runs, BOLUS, [(run.command_boluses, run.boluses) for run in runs]))
+    if any(run.glucagon or run.command_glucagon for run in runs):
+        panels.append(_stems_panel(runs, GLUCAGON, [(run.command_glucagon, run.glucagon) for run in runs]))
     chosen = [FAULTS.choose(fault) for fault in faults]
     mark_faults(panels, chosen, end_min)
     named = dict.fromkeys(by_label, traces) if isinstance(traces, Trace) else traces
@@ -186,16 +189,20 @@ def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits) -> Panel:
     return panel
 
 
-def _bolus_panel(runs: Sequence[PlottedRun]) -> Panel:
-    few = len(runs) == 1 and len(runs[0].boluses) <= _MAX_BOLUSES
+def _stems_panel(
+    runs: Sequence[PlottedRun], quantity: PlottedQuantity, amounts: Sequence[tuple[Sequence[Pair], Sequence[Pair]]]
+) -> Panel:
+    """Amounts that each run commanded and delivered, as stems."""
+    delivered = amounts[0][1]
+    few = len(runs) == 1 and len(delivered) <= _MAX_BOLUSES
     panel = Panel(
-        BOLUS,
-        (0.0, 1.1 * max(size for run in runs for _, size in (*run.boluses, *run.command_boluses))),
+        quantity,
+        (0.0, 1.1 * max(size for of_run in amounts for stems in of_run for _, size in stems)),
         height=100,
-        marks=[(t_min, f"{size:.3g} U") for t_min, size in runs[0].boluses] if few else (),
+        marks=[(t_min, f"{size:.3g} {quantity.unit}") for t_min, size in delivered] if few else (),
     )
-    for index, run in enumerate(runs):
-        for stems, kind in ((run.command_boluses, "asked"), (run.boluses, "stems")):
+    for index, of_run in enumerate(amounts):
+        for stems, kind in zip(of_run, ("asked", "stems"), strict=True):
             t = np.repeat([t_min for t_min, _ in stems], 3)
             panel.line(t, np.ravel([(0.0, size, np.nan) for _, size in stems]), index, kind=kind, run=index)
     return panel
@@ -219,13 +226,13 @@ def _lanes(
             yield {"name": name, "rows": rows if len(runs) <= _MAX_LANES else [row for row in rows if row["periods"]]}
 
 
-def _boluses_text(boluses: Sequence[tuple[float, float]], end_min: float, start_min: float) -> str:
-    if not boluses:
+def _doses_text(doses: Sequence[Pair], noun: str, unit: str, end_min: float, start_min: float) -> str:
+    if not doses:
         return "none"
-    total = sum(size for _, size in boluses)
-    if len(boluses) > _MAX_BOLUSES:
-        return f"{len(boluses)} boluses, {total:.4g} U in all"
-    return "; ".join(f"{size:.4g} U at {moment_text(t_min, end_min, start_min)}" for t_min, size in boluses)
+    total = sum(size for _, size in doses)
+    if len(doses) > _MAX_BOLUSES:
+        return f"{len(doses)} {noun}, {total:.4g} {unit} in all"
+    return "; ".join(f"{size:.4g} {unit} at {moment_text(t_min, end_min, start_min)}" for t_min, size in doses)
 
 
 def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultComponent], start_min: float) -> Iterator[str]:
@@ -250,7 +257,9 @@ def _events_of(run: PlottedRun, start_min: float) -> Iterator[str]:
             if beyond := periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit):
                 yield f"Glucose {where} {limit:g} mg/dl {periods_text(beyond, end_min, start_min)}."
     if run.boluses or run.command_boluses:
-        yield f"Boluses delivered: {_boluses_text(run.boluses, end_min, start_min)}."
+        yield f"Boluses delivered: {_doses_text(run.boluses, 'boluses', 'U', end_min, start_min)}."
+    if run.glucagon or run.command_glucagon:
+        yield f"Glucagon delivered: {_doses_text(run.glucagon, 'doses', 'ug', end_min, start_min)}."
     yield from (f"{name} {periods_text(periods, end_min, start_min)}." for name, periods in run.periods.items())
     if run.validity_note is not None:
         yield run.validity_note

@@ -88,7 +88,7 @@ def record_page(
         more_groups=len(groups) - len(full_groups),
         group_heads=[f"{group.label}, {group.dates}" for group in full_groups],
         group_rows=_groups_beside(full_groups, goals) if len(groups) > 1 else [],
-        medians=_medians_plot(beside, goals) if len(beside) > 1 else None,
+        medians=medians_plot(beside, goals) if len(beside) > 1 else None,
         median_labels=[one.label for one in beside],
         warnings=[*notes, *warnings(records)],
         heads=[number.heading for number in SHORT_NUMBERS],
@@ -398,7 +398,7 @@ def _profile_plot(label: str, profile: DayProfile, goals: Goals) -> Plot:
     return Plot(f"Glucose over the day, {label}", MIN_PER_DAY, [panel])
 
 
-def _medians_plot(reported: Sequence[Reported], goals: Goals) -> Plot:
+def medians_plot(reported: Sequence[Reported], goals: Goals) -> Plot:
     """Medians of several records or groups over the day in one plot; of two also the middle halves."""
     top = max(top_of_axis_mg_dl(one.profile) for one in reported)
     panel = _panel(top, goals)

@@ -28,12 +28,21 @@ from glucoloop.component.effects import (
     warn_without_effect,
 )
 from glucoloop.component.routes import SUBCUTANEOUS
-from glucoloop.control.protocol import Controller, DoseForecast, Observation, Status, draws, gives_boluses, uses_of
+from glucoloop.control.protocol import (
+    Controller,
+    DoseForecast,
+    Observation,
+    Status,
+    draws,
+    gives_boluses,
+    gives_glucagon,
+    uses_of,
+)
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.scenario import Scenario, announced_g, announced_min
-from glucoloop.patients.capabilities import insulin_route, lowest_valid_glucose_mg_dl, usual_pump
+from glucoloop.patients.capabilities import insulin_route, lowest_valid_glucose_mg_dl, refuse_glucagon, usual_pump
 from glucoloop.patients.protocol import Patient
-from glucoloop.pumps import DoseLimits, LimitedPump, Pump
+from glucoloop.pumps import DoseLimits, GlucagonLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, Lag, Sensor
 from glucoloop.simulation.integrators import default_integrator
@@ -90,6 +99,10 @@ class Trace:
     """(samples, ...) bolus that the pump reports."""
     announced_carbs_g: jax.Array | None = None
     """(samples,) announced carbohydrate; None where meals were not announced."""
+    command_glucagon_ug: jax.Array | None = None
+    """(samples, ...) glucagon that the controller commands; None, like the next one, where it gives none."""
+    glucagon_ug: jax.Array | None = None
+    """(samples, ...) glucagon that the pump delivered from this sample to the next."""
     exercise_pct: jax.Array | None = None
     """(samples,) mean intensity of exercise from each sample to the next; None where there was none."""
     rescue_g: jax.Array | None = None
@@ -185,7 +198,8 @@ class Trace:
         are announced, ``announced_carbs_g`` tells what the controller was told; ``exercise_pct`` is there where there
         was exercise, its mean intensity until the next sample; ``rescue_g`` where the person eats against low glucose;
         where the controller gives boluses, ``bolus_mU``, ``command_bolus_mU`` and ``reported_bolus_mU`` tell
-        of them what the rates tell of the basal rate. ``carbs_on_board_g`` and, with subcutaneous insulin,
+        of them what the rates tell of the basal rate; where it gives glucagon, ``glucagon_ug`` was delivered and
+        ``command_glucagon_ug`` commanded. ``carbs_on_board_g`` and, with subcutaneous insulin,
         ``insulin_on_board_U`` are what is on board at the sample before its own dose and meal, by the curves of
         `control.on_board`; insulin counts above the basal rate.
 
@@ -198,7 +212,10 @@ class Trace:
 
         self._refuse_people()
         reading = np.where(np.asarray(self.reading_valid), np.asarray(self.reading_mg_dl), np.nan)
-        others = ("announced_carbs_g", "exercise_pct", "rescue_g", "bolus_mU", "command_bolus_mU", "reported_bolus_mU")
+        others = (
+            *("announced_carbs_g", "exercise_pct", "rescue_g", "bolus_mU", "command_bolus_mU", "reported_bolus_mU"),
+            *("glucagon_ug", "command_glucagon_ug"),
+        )
         return pl.DataFrame(
             {
                 "t_min": np.asarray(self.t_min),
@@ -275,7 +292,7 @@ def _on_board(before: jax.Array | None, amounts: jax.Array, curve: npt.NDArray[n
 _OF_SAMPLES: Final = (
     *("glucose_mg_dl", "reading_mg_dl", "reading_valid", "command_mU_min", "insulin_mU_min", "reported_mU_min"),
     *("status", "carbs_g", "states", "command_bolus_mU", "bolus_mU", "reported_bolus_mU", "announced_carbs_g"),
-    *("exercise_pct", "rescue_g"),
+    *("exercise_pct", "rescue_g", "glucagon_ug", "command_glucagon_ug"),
 )
 """Fields of a trace with an entry for each sample, the first one first."""
 
@@ -367,6 +384,8 @@ def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled,
         command_bolus_mU=happened.decision.bolus_mU,
         bolus_mU=happened.delivery.bolus_mU,
         reported_bolus_mU=happened.delivery.reported_bolus_mU,
+        command_glucagon_ug=happened.decision.glucagon_ug,
+        glucagon_ug=happened.delivery.glucagon_ug,
         rescue_g=happened.rescue_g,
         forecast=happened.forecast,
         subcutaneous=insulin_route(patient) == SUBCUTANEOUS,
@@ -389,6 +408,11 @@ def usual_limits(patient: Patient) -> DoseLimits:
     return DoseLimits(
         max_change_mU_min=usual.max_change_mU_min, min_mU_min=usual.min_mU_min, max_mU_min=usual.max_mU_min
     )
+
+
+def default_pump(limits: DoseLimits, controller: Controller) -> Pump:
+    """Pump with these limits, and a second route where a controller gives glucagon."""
+    return LimitedPump(limits=limits, glucagon=GlucagonLimits() if gives_glucagon(controller) else None)
 
 
 def sample_grid(
@@ -526,16 +550,18 @@ def closed_loop(
 ) -> Trace:
     """Simulate as `simulate` does, of arguments that were checked before."""
     sensor = IdealSensor() if sensor is None else sensor
-    pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
+    dual = gives_glucagon(controller)
+    pump = default_pump(usual_limits(patient), controller) if pump is None else pump
     scenario = Scenario() if scenario is None else scenario
     key = random_key(key)
 
     counted = sample_grid(scenario.horizon_min, sample_time_of(controller), scenario.start_min, scenario.warm_up_min)
     grid = counted.whole
     minute_inputs = minute_inputs_of(patient, scenario, grid)
-    integrator = (
-        default_integrator(patient, minute_inputs=bool(minute_inputs.names)) if integrator is None else integrator
-    )
+    if dual:
+        refuse_glucagon(patient)
+    if integrator is None:
+        integrator = default_integrator(patient, minute_inputs=bool(minute_inputs.names) or dual)
     plant, exogenous = integrator.prepare(patient, scenario.absorbed_by(patient), grid)
     exogenous = dataclasses.replace(exogenous, minute_inputs=minute_inputs)
     start = start_of(patient, scenario)

@@ -19,12 +19,12 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.control.protocol import Controller, gives_boluses
+from glucoloop.control.protocol import Controller, gives_boluses, gives_glucagon
 from glucoloop.meals.absorption import Digestion
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.native.targets.products import FUSED
-from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
+from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, refuse_glucagon
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Reading, Sensor
@@ -199,8 +199,11 @@ class Cohort:
         self._warm_up, self._warm_up_min = grid.warm_up, grid.warm_up_min
         self._fold: Accumulator = _Counted(accumulator=accumulator) if self._warm_up else accumulator
         grid = self._grid = dataclasses.replace(grid, start_min=start_min or 0.0).whole
+        dual = gives_glucagon(controller)
+        if dual:
+            refuse_glucagon(nominal)
         self._plants = plants_of_people(
-            nominal, varied, grid, substeps, products, minute_inputs=bool(self._minute_inputs)
+            nominal, varied, grid, substeps, products, minute_inputs=bool(self._minute_inputs) or dual
         )
         eating = self._eating = PeopleMeals(
             nominal,

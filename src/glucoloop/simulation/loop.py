@@ -23,11 +23,13 @@ from glucoloop.control.protocol import (
     draws,
     forecast_of,
     gives_boluses,
+    gives_glucagon,
 )
+from glucoloop.meals.moments import points_of_sample
 from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, seen_mg_dl
 from glucoloop.pumps import Delivery, Pump
-from glucoloop.pumps.protocol import deliver
+from glucoloop.pumps.protocol import deliver, glucagon_route
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.plant import Exogenous, Plant
@@ -209,10 +211,11 @@ def sample(
     in_controller, decision = apart(decided)
     # by itself, so that the decision is the same to the bit
     forecast = apart(forecast_of(loop.controller, state.in_controller, observation)) if loop.forecasts else None
-    _check_boluses(loop.controller, decision)
+    _check_declared(loop.controller, decision)
     finite = jnp.isfinite(decision.insulin_mU_min)
-    if decision.bolus_mU is not None:
-        finite = finite & jnp.isfinite(decision.bolus_mU)
+    for further in (decision.bolus_mU, decision.glucagon_ug):
+        if further is not None:
+            finite = finite & jnp.isfinite(further)
     decision = dataclasses.replace(decision, status=jnp.where(finite, decision.status, Status.NO_FINITE_DOSE))
     pump_key = jax.random.fold_in(_for_pump(reading_key), index)
     # The minimum that any pump can be asked for, in place of what is no number.
@@ -225,6 +228,11 @@ def sample(
     infused = delivery.insulin_mU_min
     if delivery.bolus_mU is not None:
         infused = infused + delivery.bolus_mU / loop.controller.sample_time_min
+    if decision.glucagon_ug is not None:
+        with jax.named_scope("pump"):
+            glucagon = glucagon_route(loop.pump).allowed(jnp.where(finite, decision.glucagon_ug, 0.0))
+        delivery = dataclasses.replace(delivery, glucagon_ug=glucagon)
+        exogenous = _with_glucagon(exogenous, glucagon, loop.controller.sample_time_min)
     in_rescue, rescue_g = None, None
     if loop.rescue is not None:
         with jax.named_scope("meals"):
@@ -276,8 +284,16 @@ def _moments(exogenous: Exogenous) -> jax.Array:
     return exogenous.moments
 
 
-def _check_boluses(controller: Controller, decision: Decision) -> None:
-    """Refuse a controller whose decisions contradict its declaration of boluses, which no loop could carry."""
+def _with_glucagon(exogenous: Exogenous, glucagon_ug: jax.Array, sample_time_min: float) -> Exogenous:
+    """Inputs of a sample with glucagon that enters evenly until the next one."""
+    rate = glucagon_ug / sample_time_min
+    of_points = jnp.broadcast_to(rate, (points_of_sample(sample_time_min), *jnp.shape(rate)))
+    minute_inputs = dataclasses.replace(exogenous.minute_inputs, glucagon_ug_min=of_points)
+    return dataclasses.replace(exogenous, minute_inputs=minute_inputs)
+
+
+def _check_declared(controller: Controller, decision: Decision) -> None:
+    """Refuse a controller whose decisions contradict what it declares to give, which no loop could carry."""
     name, declares = type(controller).__name__, gives_boluses(controller)
     if decision.bolus_mU is not None and not declares:
         raise ArgumentTypeError(
@@ -287,4 +303,9 @@ def _check_boluses(controller: Controller, decision: Decision) -> None:
         raise ArgumentTypeError(
             f"{name} says that it gives boluses, but {name}.step decides on none; "
             "return Decision(..., bolus_mU=...), 0 where there is none"
+        )
+    if (decision.glucagon_ug is not None) != gives_glucagon(controller):
+        raise ArgumentTypeError(
+            f"{name}.step and {name}.gives_glucagon contradict one another; a controller with gives_glucagon = True "
+            "returns Decision(..., glucagon_ug=...), 0 where there is none, and another one returns none"
         )

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.meals.scenario import Scenario
-from glucoloop.patients.capabilities import declared_by
+from glucoloop.patients.capabilities import declared_by, refuse_glucagon
 from glucoloop.patients.protocol import Patient
 from glucoloop.physiology.exercise import Bouts, bouts_of_one, mean_intensity_pct, refuse_exercise
 from glucoloop.physiology.rhythm import Rhythm, changes_of
@@ -87,6 +87,8 @@ def refuse_minute_inputs(patient: Any, minute_inputs: MinuteInputs, called: str 
     """Refuse inputs that a patient does not take; a sentence has the name by which the patient was asked for."""
     if minute_inputs.exercise_pct is not None:
         refuse_exercise(patient, called)
+    if minute_inputs.glucagon_ug_min is not None:
+        refuse_glucagon(patient, called)
     if minute_inputs.sensitivity is not None:
         declared_by(patient, "insulin_sensitivity", called)
     if minute_inputs.production_mg_kg_min is not None:

@@ -78,6 +78,8 @@ class MinuteInputs:
     """Production of glucose that is added to a patient's own."""
     appearance_mg_min: jax.Array | npt.NDArray[np.float64] | None = None
     """Appearance of glucose that is added to that of the meals, and may be below 0."""
+    glucagon_ug_min: jax.Array | npt.NDArray[np.float64] | None = None
+    """Infusion of glucagon, which the loop gives."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,7 +90,7 @@ class MinuteInputs:
         """Inputs of a patient, of those at one moment."""
         if self.appearance_mg_min is not None:
             meal_mg_min = meal_mg_min + self.appearance_mg_min
-        return inputs_of(insulin_mU_min, meal_mg_min, self.exercise_pct)  # type: ignore[arg-type]
+        return inputs_of(insulin_mU_min, meal_mg_min, self.exercise_pct, self.glucagon_ug_min)  # type: ignore[arg-type]
 
     def of(self, patient: Patient) -> Patient:
         """The patient as it is at one moment."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree
-from glucoloop.arguments import checked, random_key
+from glucoloop.arguments import ArgumentTypeError, checked, random_key
 from glucoloop.component.effects import RHYTHMS, warn_without_effect
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.limits import LONGEST_RUN_MIN
@@ -497,6 +497,8 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
             stepper.eat(meal.carbs_g, max(0.0, t_min - stepper.t_min), meal.eating_min)
         for bout, t_min in bouts_at.get(index, ()):
             stepper.exercise(bout.intensity_pct, bout.duration_min, max(0.0, t_min - stepper.t_min))
+        if decision.glucagon_ug is not None:
+            raise ArgumentTypeError("a stepper has no route for glucagon; decide on insulin alone, or use simulate")
         bolus = None if decision.bolus_mU is None or not gives_boluses else float(decision.bolus_mU)
         stepper.step(float(decision.insulin_mU_min), bolus_mU=bolus)
         assert stepper.last is not None

@@ -18,6 +18,7 @@ from glucoloop.component.effects import (
     CHANCE,
     DEAD_TIME,
     EXERCISE,
+    GLUCAGON,
     MEALS,
     MEALS_ANNOUNCED,
     PROFILE,
@@ -30,6 +31,7 @@ from glucoloop.component.grammar import as_tree
 from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.component.request import by_default, completed, request_of
 from glucoloop.control.action import ActionComponent
+from glucoloop.control.glucagon import GlucagonComponent
 from glucoloop.faults import START, FaultComponent
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.rescue import RescueComponent
@@ -63,7 +65,7 @@ if TYPE_CHECKING:
     from glucoloop.meals import MealModel, RescueCarbs
     from glucoloop.patients import Patient, Population
     from glucoloop.physiology.rhythm import Rhythm
-    from glucoloop.pumps import BolusLimits, DoseLimits
+    from glucoloop.pumps import BolusLimits, DoseLimits, GlucagonLimits
     from glucoloop.therapy import Profile
 
 SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
@@ -190,6 +192,14 @@ Overrides = Annotated[
         rare=True,
     ),
 ]
+Glucagon = Annotated[
+    GlucagonComponent | None,
+    _patient(
+        "Glucagon by a second route of the pump, where the patient has it, like threshold or 'mini-dose, dose_ug=100'.",
+        alone="threshold",
+        rare=True,
+    ),
+]
 WarmUp = Annotated[
     float,
     Option(
@@ -248,6 +258,7 @@ class Situation(Component):
             rare=True,
         ),
     ] = None
+    glucagon: Glucagon = None
     carb_error_pct: CarbError = 0.0
     carb_bias_pct: CarbBias = 0.0
     start: StartTime = None
@@ -305,7 +316,7 @@ class Situation(Component):
 
     def __post_init__(self) -> None:
         from glucoloop.meals import meal_model_of
-        from glucoloop.patients.capabilities import sites
+        from glucoloop.patients.capabilities import refuse_glucagon, sites
         from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
         from glucoloop.simulation.plant import SampleGrid
 
@@ -339,6 +350,8 @@ class Situation(Component):
             PeopleMinuteInputs(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]).of(slice(1)),
             self.patient.display_name,
         )
+        if self.glucagon is not None:
+            refuse_glucagon(self.nominal, self.patient.display_name)
         known = sites(self.nominal)
         if self.site is not None and self.site not in known:
             raise Refusal(
@@ -355,7 +368,8 @@ class Situation(Component):
         late = {DEAD_TIME} if self.dead_time_min else set()
         announced = {MEALS_ANNOUNCED} if self.announce_meals or "announce_meals" in self.refused else set()
         temporary = {TEMPORARY_TARGETS} if any(change.temporary for change in self.schedule.changes) else set()
-        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late | announced | temporary
+        dual = set() if self.glucagon is None else {GLUCAGON}
+        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late | announced | temporary | dual
 
     @property
     def by_chance(self) -> bool:
@@ -400,7 +414,8 @@ class Situation(Component):
     @property
     def further_metrics(self) -> tuple[str, ...]:
         """Metrics beside the default ones, each as its text."""
-        return tuple(metric.text for metric in self.metrics)
+        texts = tuple(metric.text for metric in self.metrics)
+        return texts if self.glucagon is None or "glucagon" in texts else (*texts, "glucagon")
 
     @property
     def place(self) -> str:
@@ -488,7 +503,7 @@ class Situation(Component):
 
     def of_controller(self) -> Situation:
         """The situation without what is put around a controller: actions of the person, and a therapy by the clock."""
-        return self._with(actions=(), therapy=(), targets=(), overrides=())
+        return self._with(actions=(), glucagon=None, therapy=(), targets=(), overrides=())
 
     def _with(self, **changes: Any) -> Situation:
         return Situation(**{**{name: getattr(self, name) for name in Situation.settings()}, **changes})
@@ -521,6 +536,16 @@ class Situation(Component):
     def rescue_carbs(self) -> RescueCarbs | None:
         """Carbohydrate that the person eats when glucose is low, as a scenario takes it."""
         return None if self.rescue is None else self.rescue.made()
+
+    @property
+    def glucagon_limits(self) -> GlucagonLimits | None:
+        """Limits of the second route of the pump; None where no glucagon is given."""
+        from glucoloop.pumps import GlucagonLimits
+
+        pump = self.pump
+        if self.glucagon is None:
+            return None
+        return GlucagonLimits(max_ug=pump.max_glucagon_ug, step_ug=pump.glucagon_step_ug)
 
     @property
     def rhythms(self) -> tuple[Rhythm, ...]:

@@ -55,8 +55,9 @@ class _Provenance:
 class Quality:
     """Quality of the model according to the record; see `identification.Reliability`."""
 
-    gain_margin: _FromZero
-    """Half the width of the 95 % confidence interval of the gain, mg/dl per mU/min."""
+    gain_from: float
+    gain_to: float
+    """Ends of the 95 % confidence interval of the person's gain, mg/dl per mU/min."""
     explained_percent: Annotated[float, ValueBounds(at_most=100.0)]
     """Share of the variance of readings left out of the fit that is predicted."""
 

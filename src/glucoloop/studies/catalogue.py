@@ -29,6 +29,7 @@ _ENTRIES: Final = (
     ("studies.tuning:TUNE", SIMULATE, "Try every tuning of a grid, and say which are any good."),
     ("studies.twin:TWIN", MODELS, "Find a person's own model from a record of ordinary life."),
     ("studies.replay:REPLAY", MODELS, "Simulate the days of a record again under another therapy."),
+    ("studies.days:DAYS", MODELS, "Learn a person's days from a record, and let virtual people live them."),
     ("studies.forecast:FORECAST", MODELS, "Forecast glucose of a record by every method, and say how well each does."),
     ("studies.identification:IDENTIFY", MODELS, "Identify a model, also from your own CSV."),
     ("studies.stress:STRESS", SAFETY, "Try controllers under faults of sensor and pump, guarded or not."),

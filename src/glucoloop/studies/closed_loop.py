@@ -165,7 +165,7 @@ def model_arguments(model: ModelFile | None) -> dict[str, Any]:
 
 def integrator_of(run: Run) -> SteppingIntegrator:
     """Integrator of a run."""
-    minute_inputs = bool(run.exercise or run.rhythm)
+    minute_inputs = bool(run.exercise or run.rhythm) or run.glucagon is not None
     return default_integrator(run.nominal, minute_inputs=minute_inputs) if run.integrator == "fast" else Adaptive()
 
 

@@ -28,7 +28,7 @@ class Export(ControlledSituation):
 
     kind: ClassVar = "export"
     # the recorded samples have meals and faults of their own
-    refused: ClassVar = ("faults", "metrics", "warm_up_min", "rescue", "events", "actions")
+    refused: ClassVar = ("faults", "metrics", "warm_up_min", "rescue", "glucagon", "events", "actions")
 
     precision: Precision = "float32"
     form: Form = "auto"

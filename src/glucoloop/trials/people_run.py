@@ -24,11 +24,11 @@ from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.physiology.exercise import draw_bouts
-from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.pumps import Pump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
-from glucoloop.simulation.closed_loop import sample_grid, scenario_without_effect, usual_limits
+from glucoloop.simulation.closed_loop import default_pump, sample_grid, scenario_without_effect, usual_limits
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.situations.situation import Situation
@@ -149,7 +149,7 @@ def simulate_people(
         controllers_of=with_profile_of_each(controller),
         surroundings=Surroundings(
             sensor=IdealSensor() if sensor is None else sensor,
-            pump=LimitedPump(limits=default_limits) if pump is None else pump,
+            pump=default_pump(default_limits, controller) if pump is None else pump,
         ),
         meal_model=scenario.meal_model,
         start_min=scenario.start_min,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
@@ -12,7 +13,7 @@ from glucoloop.component.routes import PUMP_OF_1999, SUBCUTANEOUS
 from glucoloop.component.setting import Default
 from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.patients.component import OperatingPoint, PatientComponent
-from glucoloop.patients.hovorka import equations
+from glucoloop.patients.hovorka import equations, glucagon
 from glucoloop.patients.hovorka.equations import (
     GLUCOSE,
     INSULIN,
@@ -21,7 +22,7 @@ from glucoloop.patients.hovorka.equations import (
     STATE_NAMES,
     HovorkaConstants,
 )
-from glucoloop.patients.hovorka.parameters import boiroux2017, hovorka2004, wilinska2010
+from glucoloop.patients.hovorka.parameters import boiroux2017, hovorka2004, mcgill2020, wilinska2010
 from glucoloop.patients.hovorka.rest import glucose_without_insulin_mg_dl, infusion_for, rest_at, rest_under
 from glucoloop.patients.hovorka.varying import (
     MIN_OF_MEAN,
@@ -114,7 +115,7 @@ class HovorkaPatient(PatientComponent):
         No depot, amount, concentration or effect is ever below zero. Interstitial glucose follows plasma glucose, so
         that it has never been below the lowest of that.
         """
-        insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0)
+        insulin = jnp.all(x[INSULIN.start :] >= -_ROUNDING, axis=0)
         follows = x[_INTERSTITIAL] * MG_DL_PER_MMOL_L >= lowest_mg_dl - _INTEGRATION_MG_DL
         return insulin, jnp.all(x[GLUCOSE] >= -_ROUNDING, axis=0) & follows
 
@@ -241,6 +242,58 @@ class Wilinska2010(HovorkaPatient, name="wilinska-2010"):
     meanings = meanings(wilinska2010.CONSTANTS)
     distributions = wilinska2010.DISTRIBUTIONS
     within_sd = TRUNCATION_SD
+
+
+class WilinskaGlucagon(HovorkaPatient, name="wilinska-2010-glucagon"):
+    """The patient `wilinska-2010` with subcutaneous glucagon, of the McGill Diabetes Lab (2020); 74.9 kg.
+
+    Without glucagon nothing differs.
+    """
+
+    extends: ClassVar = "wilinska-2010"
+    takes_glucagon: ClassVar = True
+    sources = ("mcgill2020", "wilinska2010", "hovorka2004")
+    operating_points = Wilinska2010.operating_points
+    populations: ClassVar = Wilinska2010.populations
+    pulse_mU_min = Wilinska2010.pulse_mU_min
+    person_constants = mcgill2020.MCGILL_2020
+    nominal = nominal_values(mcgill2020.MCGILL_2020)
+    meanings = meanings(mcgill2020.CONSTANTS)
+    distributions = wilinska2010.DISTRIBUTIONS
+    within_sd = Wilinska2010.within_sd
+    rest: ClassVar[Rest] = dataclasses.replace(
+        HovorkaPatient.rest, under=lambda p, insulin_mU_min: glucagon.without(rest_under(p, insulin_mU_min))
+    )
+
+    def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Infusion that holds a plasma glucose, and the state there; NaN for people whom no rate holds."""
+        rate, x = super().rest_at(glucose_mg_dl)
+        return rate, glucagon.without(x)
+
+    def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
+        """Right-hand side; the patient's constants do not change with time."""
+        return glucagon.derivative(self.parameters, x, inputs)
+
+    def process_noise(self, glucose: float, other: float, glucagon: float = 0.0) -> npt.NDArray[np.float64]:
+        """Diagonal of the process noise covariance `(11,)`, without any of the depots of glucagon."""
+        return np.append(super().process_noise(glucose, other), [0.0, 0.0])
+
+    def split(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """State to glucose `(3, ...)`, and insulin with its effects and glucagon `(8, ...)`."""
+        return x[GLUCOSE], x[INSULIN.start :]
+
+    def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        """Balances of insulin and its effects, and of glucagon that is left `(8, ...)`."""
+        insulin = super().driven_derivative(z[:6], insulin_mU_min)
+        return jnp.concatenate([insulin, glucagon.balances(self.parameters, z[6:], None)])
+
+    def effects(self, z: jax.Array) -> jax.Array:
+        """Effects of insulin, and production by glucagon [mmol/min], `(4, ...)`."""
+        return jnp.concatenate([z[3:6], glucagon.production(self.parameters, z[6:])[None]])
+
+    def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+        """Nonlinear part of the glucose balances `(3, ...)`."""
+        return glucagon.with_production(super().kinetics(y, effects[:3], meal_mg_min), effects[3])
 
 
 def _variation(distribution: Normal | Uniform | Lognormal, within_sd: float) -> Variation:

@@ -20,6 +20,7 @@ from typing import Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.patients.protocol import Inputs
+from glucoloop.units import PG_ML_PER_UG_L
 
 STATE_NAMES: Final = (
     *("G_BV", "G_BI", "G_H", "G_G", "G_L", "G_K", "G_PV", "G_PI"),  # mg/dl
@@ -32,6 +33,7 @@ REGULATION: Final = slice(15, 19)
 REGULATED: Final = len(STATE_NAMES[GLUCOSE]) + len(STATE_NAMES[REGULATION])
 """States of the slow block: glucose and regulation."""
 ARTERIAL_GLUCOSE: Final = STATE_NAMES.index("G_H")
+GLUCAGON: Final = STATE_NAMES.index("N")
 
 
 @pytree
@@ -52,7 +54,8 @@ class Sigmoid:
 class SorensenParameters:
     """The constants of the model; scalars for one person, arrays `(people,)` for a cohort.
 
-    Units: glucose volumes dl, flows dl/min, rates mg/min; insulin volumes l, flows l/min; times min.
+    Units: glucose volumes dl, flows dl/min, rates mg/min; insulin volumes l, flows l/min; glucagon pg/ml, its volume l;
+    times min.
     `glucoloop.patients.sorensen.parameters` holds published sets with the provenance of every value.
     """
 
@@ -105,6 +108,7 @@ class SorensenParameters:
     ref_I_H: jax.Array | float
     ref_I_L: jax.Array | float
     ref_I_PI: jax.Array | float
+    ref_N: jax.Array | float
     # effects: insulin or glucose (first letter) on a rate
     M_IHGP: Sigmoid
     M_IHGU: Sigmoid
@@ -117,6 +121,7 @@ class SorensenParameters:
     tau_I: jax.Array | float
     tau_N: jax.Array | float
     k_N: jax.Array | float
+    V_N: jax.Array | float
     # renal excretion, mg/min, below and above the threshold of kidney glucose
     excretion: Sigmoid
     excretion_threshold: jax.Array | float
@@ -271,9 +276,16 @@ def join(y: jax.Array, insulin: jax.Array) -> jax.Array:
 
 
 def derivative(p: SorensenParameters, x: jax.Array, inputs: Inputs) -> jax.Array:
-    """Right-hand side of the model, per minute, for a state ``(19, ...)`` in the order of `STATE_NAMES`."""
+    """Right-hand side of the model, per minute, for a state ``(19, ...)`` in the order of `STATE_NAMES`.
+
+    Glucagon that is infused enters the one space that it has, ``V_N N' = ... + u_N / ref_N``; 1 ug/l is 1000 pg/ml.
+    """
     y, insulin = split(x)
-    return join(
+    rates = join(
         glucose_balances(p, y, insulin_effects(p, insulin), inputs.meal_mg_min),
         insulin_balances(p, insulin, inputs.insulin_mU_min),
     )
+    if inputs.glucagon_ug_min is None:
+        return rates
+    infused = PG_ML_PER_UG_L * inputs.glucagon_ug_min / (p.V_N * p.ref_N)
+    return jnp.concatenate([rates[:GLUCAGON], (rates[GLUCAGON] + infused)[None], rates[GLUCAGON + 1 :]])

@@ -64,7 +64,6 @@ LIGHTEST_KG: Final = ADULTS.around(REFERENCE_WEIGHT_KG).lower
 _ROUNDING: Final = 1e-9
 _INTEGRATION_MG_DL: Final = 0.1
 """Integration error with two exponential steps per sample, on the way down to these bounds."""
-_GLUCAGON: Final = STATE_NAMES.index("N")
 _UPTAKE_ENDS: Final = tuple(STATE_NAMES.index(name) for name in ("G_L", "G_K", "G_PV", "G_PI"))
 
 
@@ -75,6 +74,7 @@ class SorensenPatient(PatientComponent, name="parker-1999"):
     """
 
     timeless: ClassVar = True
+    takes_glucagon: ClassVar[bool] = True
     sources = ("parker1999", "parker2000", "sorensen1985", "lehmann1992")
     operating_points = (
         OperatingPoint("setpoint-81", "held at 81.1 mg/dl by 25.61 mU/min"),
@@ -152,7 +152,7 @@ class SorensenPatient(PatientComponent, name="parker-1999"):
     @classmethod
     def sound(cls, x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Whether insulin and glucose of states ``(19, ...)`` are possible, by the minimum arterial glucose so far."""
-        insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0) & (x[_GLUCAGON] >= -_ROUNDING)
+        insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0) & (x[sorensen.GLUCAGON] >= -_ROUNDING)
         return insulin, _explained(x, lowest_mg_dl)
 
     @property

@@ -73,7 +73,7 @@ REFERENCE_WEIGHT_KG: Final = 70.0
 
 VOLUMES: Final = (
     *("v_BV", "v_BI", "v_H", "v_G", "v_L", "v_K", "v_PV", "v_PI"),
-    *("V_B", "V_H", "V_G", "V_L", "V_K", "V_PV", "V_PI"),
+    *("V_B", "V_H", "V_G", "V_L", "V_K", "V_PV", "V_PI", "V_N"),
 )
 FLOWS: Final = (
     *("q_B", "q_A", "q_G", "q_L", "q_K", "q_P"),

@@ -30,7 +30,7 @@ class Adversary(GuardedTrial):
     refused: ClassVar[tuple[str, ...]] = (
         *("traces", "metrics", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min", "days"),
         *("exercise_spread_pct", "exercise_time_spread_min"),
-        *("warm_up_min", "habits", "scenario", "rescue", "events", "actions"),
+        *("warm_up_min", "habits", "scenario", "rescue", "glucagon", "events", "actions"),
     )
 
     people: int = 1000

@@ -35,7 +35,7 @@ class BoundRequest(Run):
             "integrator",
             "faults",
         ),
-        *("warm_up_min", "habits", "scenario", "rescue", "events", "actions", "changes", "forecasts"),
+        *("warm_up_min", "habits", "scenario", "rescue", "glucagon", "events", "actions", "changes", "forecasts"),
         *("controller", "guard", "model"),
     )
 

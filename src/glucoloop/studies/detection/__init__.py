@@ -50,7 +50,7 @@ class Detection(Trial):
         ),
         *("precision", "arithmetic", "shard_people", "guard", "model"),
         *("rhythm", "exercise", "exercise_spread_pct", "exercise_time_spread_min"),
-        *("warm_up_min", "habits", "scenario", "rescue", "events", "actions"),
+        *("warm_up_min", "habits", "scenario", "rescue", "glucagon", "events", "actions"),
     )
 
     # two meals a day of 11 to 99 g, so far apart that one is over when the next begins

@@ -29,7 +29,7 @@ class Hil(Run):
 
     kind: ClassVar = "run on a chip"
     # every sample is one of the link, so that all are counted; the person is stepped from outside
-    refused: ClassVar = ("warm_up_min", "rescue", "events", "actions", "changes", "forecasts")
+    refused: ClassVar = ("warm_up_min", "rescue", "glucagon", "events", "actions", "changes", "forecasts")
 
     precision: Precision = "float32"
     form: Form = "auto"

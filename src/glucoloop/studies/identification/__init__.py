@@ -45,6 +45,7 @@ class ModelRequest(Situation):
         "announce_meals",
         "announce_before_min",
         "rescue",
+        "glucagon",
         "events",
         "actions",
         "carb_error_pct",

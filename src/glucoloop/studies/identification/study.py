@@ -323,7 +323,8 @@ def _plain(identified: _Identified) -> dict[str, Any]:
         "model": identified.model.plain(),
         "fit": {
             "gain_mg_dl_per_mU_min": float(identification.model.gain),
-            "gain_margin_mg_dl_per_mU_min": identification.reliability.gain_margin,
+            "gain_from_mg_dl_per_mU_min": identification.reliability.gain_from,
+            "gain_to_mg_dl_per_mU_min": identification.reliability.gain_to,
             "explained_percent": identification.reliability.explained_percent,
             "record_rms_mg_dl": identification.model_rms_mg_dl,
             "laguerre_pole": identification.laguerre_pole,
@@ -347,7 +348,9 @@ def _properties(identified: _Identified) -> Iterator[tuple[str, str, str]]:
     """Name, value and unit of each property of the model."""
     identification, model, check = identified.identification, identified.model, identified.validation
     yield "Gain", f"{float(identification.model.gain):.4f}", "mg/dl per mU/min"
-    yield "Gain, 95 % confidence", f"± {identification.reliability.gain_margin:.4f}", "mg/dl per mU/min"
+    reliability = identification.reliability
+    yield "Gain, from, 95 % confidence", f"{reliability.gain_from:.4f}", "mg/dl per mU/min"
+    yield "Gain, to, 95 % confidence", f"{reliability.gain_to:.4f}", "mg/dl per mU/min"
     yield "Time constant, first-order fit", _time_constant(identification), "min"
     yield "Memory", f"{identification.model.memory}", f"samples of {identified.record.sample_time_min:g} min"
     if model.realisation is not None:

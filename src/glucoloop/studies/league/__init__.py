@@ -25,7 +25,7 @@ from glucoloop.sensors import SENSORS, SensorComponent
 from glucoloop.situations.case import Case, cases_of, label_of
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent
-from glucoloop.situations.situation import ProfileBy, WrongProfile
+from glucoloop.situations.situation import Glucagon, ProfileBy, WrongProfile
 from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
 
 MAX_PEOPLE: Final = 10_000
@@ -49,7 +49,7 @@ class League(Component):
         _people(
             "Patient, around whom the people of the default population vary; repeat it for more.", flag="--patient"
         ),
-    ] = tuple(map(Request, PATIENTS.values()))
+    ] = tuple(Request(patient) for patient in PATIENTS.values() if not patient.extends)
     scenarios: Annotated[
         tuple[ScenarioComponent, ...],
         Option("Scenario, like 'week, days=14'; repeat it for more.", panel=PATIENT_PANEL, flag="--scenario"),
@@ -76,6 +76,7 @@ class League(Component):
             panel=PATIENT_PANEL,
         ),
     ] = RESCUES.by_default("carbs")
+    glucagon: Glucagon = None
     profile_by: ProfileBy = "table"
     profile_error: WrongProfile = None
     reference: Annotated[
@@ -123,6 +124,11 @@ class League(Component):
                 "the best doses are searched without rescue carbohydrate, so that no distance to them is fair with it; "
                 "leave --rescue or --bound out"
             )
+        if self.glucagon is not None and self.bound_people:
+            raise Refusal(
+                "the best doses are searched without glucagon, so that no distance to them is fair with it; leave "
+                "--glucagon or --bound out"
+            )
         if self.bound_people > self.people:
             raise Refusal(
                 f"--bound is {self.bound_people}, and a family has {self.people} people; give at most {self.people}, "
@@ -140,7 +146,10 @@ class League(Component):
         rescue = self.rescue if subcutaneous or "rescue" in self.explicit else None
         titrated = {"profile_by": self.profile_by} if subcutaneous else {}
         metrics = {} if rescue is None else {"metrics": (METRICS.choose("rescues"),)}
-        return {**titrated, **metrics, "rescue": rescue, "profile_error": self.profile_error, "seed": self.seed}
+        return {**titrated, **metrics, "rescue": rescue, **self._of_all()}
+
+    def _of_all(self) -> dict[str, Any]:
+        return {"glucagon": self.glucagon, "profile_error": self.profile_error, "seed": self.seed}
 
     def uses(self) -> frozenset[Need]:
         """Everything: what one controller or scenario has no use for, another one has."""

@@ -25,13 +25,18 @@ Array = npt.NDArray[np.float64]
 _CELL: Final = ("family", "sensor", "scenario")
 LINE: Final = (*_CELL, "controller")
 RESCUE_CARBS: Final = "rescue_carbs_g"
+GLUCAGON_UG: Final = "glucagon_total_ug"
 METRICS: Final = (
     *("time_70_180_pct", "time_below_70_pct", "time_below_54_pct", "time_above_180_pct", "time_above_250_pct"),
     *("gri", "lbgi", "hbgi", "mean_mg_dl", "minimum_mg_dl", "time_below_validity_pct", "insulin_total_mU"),
-    RESCUE_CARBS,
+    *(RESCUE_CARBS, GLUCAGON_UG),
 )
 """Metrics of each person that are kept."""
-A_DAY: Final = {"insulin_U_day": ("insulin_total_mU", 1e-3), "rescue_g_day": (RESCUE_CARBS, 1.0)}
+A_DAY: Final = {
+    "insulin_U_day": ("insulin_total_mU", 1e-3),
+    "rescue_g_day": (RESCUE_CARBS, 1.0),
+    "glucagon_ug_day": (GLUCAGON_UG, 1.0),
+}
 """Numbers of a day, each with its metric and the number of its unit in one of the metric's."""
 ALL: Final = ""
 """Sensor and scenario of the line in which a person's numbers are the means over all cells of the family."""
@@ -147,6 +152,10 @@ RESCUE: Final = _mean(
     "rescue_g_day", "Rescue carbohydrate", "g/day", name="rescue_g_day", text=decimals(1), short="rescue\ng/day"
 )
 """Carbohydrate that people ate against low glucose, where they do."""
+GLUCAGON: Final = _mean(
+    "glucagon_ug_day", "Glucagon", "ug/day", name="glucagon_ug_day", text=decimals(0), short="glucagon\nug/day"
+)
+"""Glucagon that the pump gave, where the controllers give it."""
 EQUATIONS, PROFILE = "equations", "profile"
 DESIGN: Final = Column(
     name="design",

@@ -23,7 +23,7 @@ from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.patients.population import of_people
 from glucoloop.patients.protocol import Patient
 from glucoloop.reporting.columns import Column, Row, decimals, terse_percent, whole
-from glucoloop.studies.league.numbers import ALL, LINE, METRICS, RESCUE_CARBS, difference, factors, signed
+from glucoloop.studies.league.numbers import ALL, GLUCAGON_UG, LINE, METRICS, RESCUE_CARBS, difference, factors, signed
 from glucoloop.text import how_many
 from glucoloop.trials.engine import person_of
 from glucoloop.trials.trial import Trial
@@ -84,7 +84,7 @@ def _metrics(results: LeastRiskDoses, sample_time_min: float) -> dict[str, float
     numbers = numbers_of(Readings.of(results.fine_t_min, results.glucose_mg_dl)) | {
         "minimum_mg_dl": float(results.glucose_mg_dl.min()),
         "insulin_total_mU": float(results.insulin_mU_min.sum() * sample_time_min),
-        RESCUE_CARBS: 0.0,
+        **dict.fromkeys((RESCUE_CARBS, GLUCAGON_UG), 0.0),
     }
     return {name: numbers[name] for name in METRICS if name in numbers}
 

@@ -15,7 +15,7 @@ from glucoloop.reporting.template import render
 from glucoloop.situations.case import label_of
 from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach, texts
-from glucoloop.studies.league.numbers import ALL, COLUMNS, DESIGN, RESCUE, signed
+from glucoloop.studies.league.numbers import ALL, COLUMNS, DESIGN, GLUCAGON, RESCUE, signed
 from glucoloop.text import NOT_AVAILABLE, how_many, the_first
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 def columns_of(config: League) -> tuple[Column, ...]:
     """Numbers of each line, with the distance to the best doses where those are asked for."""
-    return (DESIGN, *COLUMNS, *([RESCUE] if config.rescue else []), *(reach.COLUMNS if config.bound_people else ()))
+    further = [column for column, given in ((RESCUE, config.rescue), (GLUCAGON, config.glucagon)) if given]
+    return (DESIGN, *COLUMNS, *further, *(reach.COLUMNS if config.bound_people else ()))
 
 
 def _by_family(config: League, results: Results) -> dict[str, list[Row]]:
@@ -201,6 +202,7 @@ def page(config: League, results: Results) -> str:
         "Controllers": "; ".join(map(label_of, config.cases)),
         "Reference": config.reference_label,
         **({} if config.rescue is None else {"Rescue carbohydrate": config.rescue.text}),
+        **({} if config.glucagon is None else {"Glucagon": config.glucagon.text}),
         **(
             {"Best doses": f"of the first {config.bound_people} people in each scenario"} if config.bound_people else {}
         ),

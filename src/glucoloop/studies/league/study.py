@@ -24,6 +24,7 @@ from glucoloop.studies.league.numbers import (
     A_DAY,
     ALL,
     EQUATIONS,
+    GLUCAGON_UG,
     LINE,
     METRICS,
     PROFILE,
@@ -290,9 +291,9 @@ def _computed(line: _Line, number: int, person: npt.NDArray[np.int64], best: rea
         return _ShardResult(line, number, "", "", "", best.of(line.trial, number, line.controller))
     prepared = prepare(line.trial)
     results, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
-    nothing = np.zeros(person.size)  # eaten against low glucose, where the loop has no rescue
-    metrics = {name: results.metrics[name] for name in METRICS if name != RESCUE_CARBS}
-    metrics[RESCUE_CARBS] = results.metrics.get(RESCUE_CARBS, nothing)
+    nothing = np.zeros(person.size)  # eaten against low glucose, or given of glucagon, where the loop has none
+    known = {**dict.fromkeys((RESCUE_CARBS, GLUCAGON_UG), nothing), **results.metrics}
+    metrics = {name: known[name] for name in METRICS}
     people = {"person": results.person, "able": results.feasible, **metrics}
     return _ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
 

@@ -42,6 +42,7 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
             "start",
             "rhythm",
             "rescue",
+            "glucagon",
             "events",
             "actions",
         ),

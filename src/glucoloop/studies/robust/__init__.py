@@ -58,7 +58,7 @@ class Search(Trial):
         ),
         *("meal_size_spread_pct", "meal_time_spread_min", "design", "traces", "precision", "arithmetic"),
         *("shard_people", "guard", "model", "rhythm", "exercise", "exercise_spread_pct", "exercise_time_spread_min"),
-        *("warm_up_min", "habits", "scenario", "rescue", "events", "actions"),
+        *("warm_up_min", "habits", "scenario", "rescue", "glucagon", "events", "actions"),
     )
 
     duration_min: float | None = 600.0

@@ -179,9 +179,20 @@ _RESCUE: Final = Column(
 )
 
 
+_GLUCAGON: Final = Column(
+    name="glucagon_ug_day",
+    value=pl.col("glucagon_total_ug").mean() / pl.col("days").first(),
+    group="Glucagon",
+    head="ug/day",
+    text=decimals(0),
+    short="glucagon\nug/day",
+)
+
+
 def _columns_of(config: StressTest) -> tuple[Column, ...]:
-    """Numbers of a cell, with the carbohydrate that people eat against low glucose where they do."""
-    return COLUMNS if config.rescue is None else (*COLUMNS, _RESCUE)
+    """Numbers of a cell, with carbohydrate against low glucose and glucagon where there are any."""
+    further = [column for column, given in ((_RESCUE, config.rescue), (_GLUCAGON, config.glucagon)) if given]
+    return (*COLUMNS, *further)
 
 
 _GUARDS: Final = {False: "without the guard", True: "with the guard"}

@@ -59,6 +59,8 @@ _HEADLINES: Final = {
     _SETTLING: ("median",),
 }
 """Metrics and their statistics over the people, in the order in which a clinician reads them."""
+_OF_GLUCAGON: Final = {"glucagon_total_ug": ("mean", "p95", "max")}
+"""The same of glucagon, where it is given."""
 _ON_THE_PAGE: Final = {
     **{"mean": ", mean", "median": ", median", "p5": ", 5th percentile", "p95": ", 95th percentile"},
     **dict.fromkeys(("min", "max"), " of the worst person"),
@@ -207,15 +209,14 @@ def _one_meal(trial: Trial) -> bool:
 
 def _headlines(trial: Trial) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Metrics and their statistics; settling only after one meal."""
-    yield from (
-        (metric, statistics) for metric, statistics in _HEADLINES.items() if metric != _SETTLING or _one_meal(trial)
-    )
+    of_all = _HEADLINES if trial.glucagon is None else {**_HEADLINES, **_OF_GLUCAGON}
+    yield from (item for item in of_all.items() if item[0] != _SETTLING or _one_meal(trial))
 
 
 def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], float | str]]:
     """Headline numbers of one controller by their names and units on the page, from its plain values."""
     for metric, statistics in _headlines(trial):
-        how = result_named(metric)
+        how = result_named(metric, trial.further_metrics)
         for statistic in statistics:
             value = plain["metrics"][metric][statistic]
             valid = how.text(value, trial.target_mg_dl) != NOT_VALID
@@ -264,7 +265,7 @@ def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> lis
 def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:
     controllers = summary["controllers"].values()
     for metric, statistics in _headlines(trial):
-        how = result_named(metric)
+        how = result_named(metric, trial.further_metrics)
         for position, statistic in enumerate(statistics):
             values = [controller["metrics"][metric][statistic] for controller in controllers]
             cells = [NOT_AVAILABLE if v is None else how.text(v, summary["setpoint_mg_dl"]) for v in values]

@@ -28,7 +28,9 @@ class GridSearch(Run):
 
     kind: ClassVar = "search of a grid"
     # a search is for the controller in a sound loop, so without faults and without a guard, and with nobody's help
-    refused: ClassVar = ("faults", "metrics", "guard", "rescue", "events", "actions", "changes", "forecasts")
+    refused: ClassVar = (
+        *("faults", "metrics", "guard", "rescue", "glucagon", "events", "actions", "changes", "forecasts"),
+    )
 
     ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
         None

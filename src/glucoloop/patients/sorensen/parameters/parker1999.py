@@ -14,6 +14,7 @@ from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
 
 SORENSEN: Final = "Sorensen 1985, Sc.D. thesis, MIT"
 PARKER_2000: Final = "Sorensen 1985; printed in this form in Parker, Doyle, Ward, Peppas 2000, AIChE J. 46(12)"
+DALLA_MAN_2014: Final = "Dalla Man et al. 2014, J. Diabetes Sci. Technol. 8(1), Fig. 5, as LoopInsighT1 has it"
 
 # fmt: off
 # ruff: noqa: E501 (a table reads best with one value on each line)
@@ -63,6 +64,7 @@ CONSTANTS: Final = (
     Constant("ref_I_H", 15.15, "mU/l", "healthy basal arterial insulin", SORENSEN),
     Constant("ref_I_L", 21.43, "mU/l", "healthy basal liver insulin", SORENSEN),
     Constant("ref_I_PI", 5.304, "mU/l", "healthy basal interstitial insulin, periphery", SORENSEN),
+    Constant("ref_N", 60.0, "pg/ml", "healthy basal glucagon, in whose multiples N is; read off a figure", DALLA_MAN_2014),
     Constant("M_IHGP.offset", 1.2088, "1", "insulin on hepatic production: offset", PARKER_2000),
     Constant("M_IHGP.scale", -1.138, "1", "insulin on hepatic production: scale", PARKER_2000),
     Constant("M_IHGP.slope", 1.669, "1", "insulin on hepatic production: slope", PARKER_2000),
@@ -98,6 +100,7 @@ CONSTANTS: Final = (
     Constant("tau_I", 25.0, "min", "lag of the insulin effects on the liver", SORENSEN),
     Constant("tau_N", 65.0, "min", "lag of the second glucagon effect on the liver", SORENSEN),
     Constant("k_N", 0.0916, "1/min", "clearance of glucagon by its volume", SORENSEN),
+    Constant("V_N", 9.93, "l", "glucagon volume, of a clearance of 0.91 l/min", SORENSEN),
     Constant("excretion.offset", 71.0, "mg/min", "renal excretion below the threshold: offset", SORENSEN),
     Constant("excretion.scale", 71.0, "mg/min", "renal excretion below the threshold: scale", SORENSEN),
     Constant("excretion.slope", 0.011, "dl/mg", "renal excretion below the threshold: slope", SORENSEN),
