@@ -435,6 +435,7 @@ def _clean(
         announced_in_min=None if observation.announced_in_min is None else eaten_in_min(observation),
         rescue_carbs_g=None if observation.rescue_carbs_g is None else with_rescue(0.0 * delivered, observation),
         exercise_in_min=None if ahead is None else jnp.where(ahead >= 0.0, ahead, jnp.inf),
+        temporary_target=observation.temporary_target,
         key=observation.key,
     )
 
