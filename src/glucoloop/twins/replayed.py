@@ -9,8 +9,8 @@ that was found and one that is assumed. Each person drawn has another factor on 
 
 The four numbers were chosen on simulated people of two other families, whose true changes are known
 (``validation/replay_truth.py``, seeds 101 to 108). People of another family answered more, so that the twin as it was
-found, with all of its sensitivity and no return, is there too. The scores `z` are stratified (Latin hypercube), so that few people
-reach as far as many.
+found, with all of its sensitivity and no return, is there too. The scores `z` are stratified (Latin
+hypercube), so that few people reach as far as many.
 
 References
 ----------
