@@ -102,7 +102,7 @@ class _Replayed:
     sensitivities: tuple[float, ...]
     """Factors on the sensitivity of the people after the twin."""
     drawn: tuple[bool, ...]
-    """Which people are drawn."""
+    """Marks of the people who are drawn."""
     notes: tuple[str, ...] = ()
     """Sentences on the doses that were changed."""
 
