@@ -52,6 +52,8 @@ class Profile:
     """Basal rate of a schedule that held since the last sample; None where the basal rate is constant."""
     max_daily_basal_mU_min: Any = None
     """Largest basal rate of the day of a schedule; None where the basal rate is constant."""
+    own_basal_mU_min: Any = None
+    """Basal rate without the schedule; None where the basal rate is constant."""
 
     def daily_dose_U(self) -> jax.Array:
         """Total daily dose; where it is not known, twice the daily basal dose."""
@@ -96,6 +98,8 @@ class TherapyChange(NamedTuple):
     value: float | None = None
     """The value, or None for a factor."""
     factor: float = 1.0
+    temporary: bool = False
+    """Whether it is a temporary target, as of an override, and not one of the therapy."""
 
     @property
     def all_day(self) -> bool:
@@ -147,6 +151,14 @@ class Schedule(NamedTuple):
                     own = own * change.factor
         return own
 
+    def temporary(self, time_of_day_min: float) -> bool:
+        """Whether the target at a time of day is a temporary one."""
+        result = False
+        for change in self.changes:
+            if change.field == TARGET and change.holds(time_of_day_min):
+                result = change.temporary or (result and change.value is None)
+        return result
+
     def profiles(self, profile: Profile, sample_time_min: float) -> tuple[Profile, ...]:
         """Profile of each segment, whose daily dose is that of all segments.
 
@@ -173,6 +185,7 @@ class Schedule(NamedTuple):
             now = {field: self.value(field, getattr(profile, field), start) for field in fields}
             if "basal_mU_min" in now:
                 now["past_basal_mU_min"] = self.value("basal_mU_min", basal, start - sample_time_min)
+                now["own_basal_mU_min"] = basal
             return dataclasses.replace(profile, **changes, **now)
 
         return tuple(map(at, starts))
@@ -184,13 +197,15 @@ _SCHEDULED: Final = ("basal_mU_min", "carb_ratio_g_U", "correction_mg_dl_U")
 def given_profile(controller: Any, profile: Profile) -> Any:
     """A controller for a person, or for people, with a profile.
 
-    A controller that doses by the profile has a method ``with_profile``, and one that only holds the basal rate
-    ``with_basal``; others take the rate from the pump when they start, and are returned unchanged.
+    A controller that doses by the profile has a method ``with_profile``, and one that only holds the basal rate at
+    which the person rests ``with_basal``, which no schedule changes; others take the rate from the pump when they
+    start, and are returned unchanged.
     """
     if hasattr(controller, "with_profile"):
         return controller.with_profile(profile)
     if hasattr(controller, "with_basal"):
-        return controller.with_basal(jnp.asarray(profile.basal_mU_min))
+        own = profile.own_basal_mU_min
+        return controller.with_basal(jnp.asarray(profile.basal_mU_min if own is None else own))
     return controller
 
 

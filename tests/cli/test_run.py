@@ -278,3 +278,34 @@ def test_a_run_says_how_its_therapy_is_changed_and_repeats_it(glucoloop, tmp_pat
 def test_a_wrong_change_is_refused(refused):
     assert "--change: 'basl' in 'basl, +10%' is no number" in refused("run", "--change", "basl, +10%")
     assert "the controller mpc does not use the profile of a person" in refused("run", "--change", "basal, +10%")
+
+
+@pytest.mark.long
+def test_a_therapy_by_the_clock_is_written_as_a_profile_from_which_the_same_run_comes(glucoloop, tmp_path):
+    """In the folder as Nightscout has profiles; an override is a treatment there, and stands in run.toml alone."""
+    (tmp_path / "own.toml").write_text(
+        'basal_U_h = { "00:00" = 0.35, "06:30" = 0.5, "12:00" = 0.4 }\n'
+        'carb_ratio_g_U = { "00:00" = 22, "08:00" = 18.5 }\n'
+        "correction_mg_dl_U = 77\n"
+    )
+    day = ("--patient", "hovorka-2004", "--controller", "basal-bolus", "--announce-meals", "--start", "06:00")
+    day = (*day, "--duration", 480, "--meal", "50g@3h")
+    own = ("--profile", "own.toml", "--target-at", "130@9h-11h")
+    glucoloop("run", *day, *own, "--out", "first")
+    glucoloop("run", *day, "--profile", "first/profile.json", "--out", "again")
+    first, again = (pl.read_csv(tmp_path / name / "trace.csv") for name in ("first", "again"))
+    for column in ("command_mU_min", "command_bolus_mU", "glucose_mg_dl"):
+        np.testing.assert_allclose(first[column], again[column], rtol=1e-8, err_msg=column)
+    [document] = json.loads((tmp_path / "first/profile.json").read_text())
+    schedule = document["store"]["Default"]
+    basal = {step["time"]: step["value"] for step in schedule["basal"]}
+    assert {time: basal[time] for time in ("00:00", "06:30", "12:00")} == {"00:00": 0.35, "06:30": 0.5, "12:00": 0.4}
+    assert {step["value"] for step in schedule["target_low"]} == {120.0, 130.0}
+    again_document = json.loads((tmp_path / "again/profile.json").read_text())
+    assert again_document == [document]
+
+    glucoloop("run", *day, *own, "--override", "exercise, from=10h, to=12h, insulin=70%", "--out", "sport")
+    assert (tmp_path / "sport/profile.json").read_bytes() == (tmp_path / "first/profile.json").read_bytes()
+    assert "exercise" in (tmp_path / "sport/run.toml").read_text()
+    glucoloop("run", *day, "--out", "constant")
+    assert not (tmp_path / "constant/profile.json").exists()

@@ -1,14 +1,19 @@
 """``glucoloop twin`` and ``glucoloop replay``: from a record to a person whom other commands take."""
 
+import dataclasses
 import json
 import tomllib
 
 import numpy as np
+import polars as pl
 import pytest
 import tomli_w
 
+import glucoloop as gl
+from glucoloop.forecasts.grid import gridded_record
 from glucoloop.patients.population import alone, draw
 from glucoloop.situations.population import named_population, person_of
+from glucoloop.twins import StoredTwin, explained_people, replay_people, under_doses
 from lived_records import lived
 
 
@@ -72,6 +77,17 @@ def test_from_a_record_to_another_therapy(glucoloop, tmp_path, monkeypatch):
     assert changed["rows"][3]["change_mean_mg_dl"] < 0.0
     again = glucoloop("replay", "Doe_Jane.parquet", "--config", "changed/replay.toml", "--json").json
     assert again["rows"] == changed["rows"]
+
+    # glucose under the doses of the controller is that of the equations with its doses as recorded ones
+    courses = pl.read_parquet("replay/courses.parquet")
+    of_loop = courses.filter(pl.col("therapy") == "basal-bolus")
+    stored = StoredTwin.of(twin)
+    record = gridded_record(gl.read_record("Doe_Jane.parquet"))
+    [person] = explained_people(list(replay_people(stored, 0, 0))[:1], record, stored.mean_mg_dl)
+    none, dosed_U = np.zeros(record.reading_mg_dl.size), of_loop["insulin_mU_min"].to_numpy()[:-1] * 5.0 / 1000.0
+    doses = dataclasses.replace(record, basal_U=dosed_U, user_bolus_U=none, automatic_bolus_U=none)
+    again = under_doses(person.patient, person.p, person.explained, doses)
+    np.testing.assert_allclose(of_loop["glucose_mg_dl"].to_numpy()[1:], again, atol=0.5)
 
     # the profile of the folder is the one that doses
     person = tmp_path / "twin" / "person.toml"

@@ -153,7 +153,7 @@ def test_forecasts_change_no_dose_and_begin_with_it(controller):
 @pytest.mark.long
 @pytest.mark.parametrize("controller", ["profile-mpc", "therapy-mpc"])
 def test_forecasts_by_profile_are_those_of_the_equations_in_short_steps(controller):
-    """Before an announced meal in 20 min: the steps of up to an hour beside those of 5 min, one after another."""
+    """Of a reading above the target: the steps of up to an hour beside those of 5 min, one after another."""
     run = configured(Run, {"patient": "hovorka-2004", "controller": controller, "meals": []})
     from glucoloop.build.designs import controller_of
     from glucoloop.control import Observation

@@ -13,11 +13,12 @@ from glucoloop.control.guard_doses import at_basal, initial_doses
 from glucoloop.control.scheduled import Scheduled, scheduled
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.situations.unused import without_effect
 from glucoloop.therapy import TARGET, Profile, Schedule, TherapyChange
 
 PERSON = Profile(basal_mU_min=10.0, setpoint_mg_dl=110.0)
 DAY = {"patient": "hovorka-2004", "announce_meals": True, "start": "06:00", "days": 1, "meals": ["60g@1h", "50g@15h"]}
-BY_PROFILE = ("basal-bolus", "loop-like", "oref0", "profile-mpc")
+BY_PROFILE = ("basal-bolus", "loop-like", "oref0", "profile-mpc", "therapy-mpc")
 
 
 def trace_of(controller, **settings):
@@ -41,7 +42,7 @@ def test_a_constant_schedule_is_the_plain_profile_to_the_bit(controller):
 @pytest.mark.long
 @pytest.mark.parametrize("change", [{"therapy": ["basal, +50%, from 22h"]}, {"targets": ["150@22h"]}])
 def test_what_changes_at_22_h_changes_nothing_before(change):
-    for controller in ("loop-like", "oref0"):
+    for controller in ("loop-like", "oref0", "therapy-mpc"):
         plain, changed = trace_of(controller, guard="usual"), trace_of(controller, guard="usual", **change)
         late = np.asarray(plain.t_min) >= 16 * 60.0  # the run begins at 6 h
         same = np.asarray(plain.command_mU_min) == np.asarray(changed.command_mU_min)
@@ -111,3 +112,33 @@ def test_a_guard_counts_the_same_insulin_in_another_basal_rate():
     assert float(other.counted * other.basal_mU_min) == pytest.approx(2.0 * 12.0)
     assert float(other.per_basal * other.basal_mU_min) == pytest.approx(1.0)
     assert float(at_basal(doses, jnp.asarray(0.0)).per_basal) == 0.0
+
+
+@pytest.mark.long
+def test_controllers_on_equations_use_targets_by_the_clock_and_no_other_number_of_a_therapy():
+    """Their notes say so; what is given of a basal rate by the clock is not taken for that of another person."""
+    insulin = {"therapy": ["basal, +50%", "carb_ratio, 5, 9h-24h"], "overrides": ["override, from=8h, insulin=70%"]}
+    for controller in ("meal-mpc", "mpc-se"):
+        plain = trace_of(controller, duration_min=300.0, days=None, meals=["60g@1h"])
+        same = trace_of(controller, duration_min=300.0, days=None, meals=["60g@1h"], **insulin)
+        np.testing.assert_array_equal(np.asarray(plain.command_mU_min), np.asarray(same.command_mU_min))
+        aimed = trace_of(
+            controller, duration_min=300.0, days=None, meals=["60g@1h"], overrides=["exercise, from=8h, to=10h"]
+        )
+        late = np.asarray(plain.t_min) >= 120.0
+        other = np.asarray(plain.command_mU_min) != np.asarray(aimed.command_mU_min)
+        assert other[late].any()
+        assert not other[~late].any()
+        notes = " ".join(without_effect(configured(Run, {**DAY, "controller": [controller], **insulin})))
+        assert f"therapy has no effect: the controller {controller} does not use the profile of a person" in notes
+        assert "insulin_pct of the override override has no effect" in notes
+
+
+def test_a_temporary_target_is_one_until_another_target_takes_its_place():
+    run = configured(Run, {**DAY, "targets": ["110@6h-22h"], "overrides": ["exercise, from=8h, to=10h"]})
+    changed = run.with_changes(("target, 100, 9:00-9:30",))
+    for of, expected in ((run, [(8.5, True), (9.25, True), (7.0, False)]), (changed, [(8.5, True), (9.25, False)])):
+        for hour, temporary in expected:
+            assert of.schedule.temporary(60.0 * hour) is temporary, hour
+    factor = Schedule((*run.schedule.changes, TherapyChange(TARGET, 0.0, 1440.0, factor=1.1)))
+    assert factor.temporary(510.0)

@@ -1,4 +1,5 @@
 // Answers calls of the npm package oref0, one JSON line each: [a name of `answers`, arguments].
+process.env.TZ = "UTC";
 const readline = require("readline");
 const path = require("path");
 
@@ -12,6 +13,7 @@ const history = oref0("iob");
 const meal = oref0("meal/total");
 const detectCarbAbsorption = oref0("determine-basal/cob");
 const glucoseGetLast = oref0("glucose-get-last");
+const profileOf = oref0("profile");
 
 const now = Date.UTC(2020, 0, 15, 12, 0, 0);
 const at = (minutesAgo) => new Date(now - minutesAgo * 60000);
@@ -19,6 +21,21 @@ const tell = (text) => process.stdout.write(text);
 // The package talks on both streams; only answers belong here.
 process.stderr.write = () => true;
 console.log = console.error = () => {};
+
+/** What a function answers at a minute of the day, which the package asks the clock for. */
+const atMinute = (minute, answer) => {
+  const Clock = Date;
+  global.Date = class extends Clock {
+    constructor(...given) {
+      super(...(given.length ? given : [Clock.UTC(2020, 0, 15) + minute * 60000]));
+    }
+  };
+  try {
+    return answer();
+  } finally {
+    global.Date = Clock;
+  }
+};
 
 const seen = (readings, profile) => {
   const basalprofile = [{ i: 0, minutes: 0, rate: profile.current_basal }];
@@ -43,6 +60,26 @@ const answers = {
     const told = determineBasal(status, temp, insulin, profile, { ratio: 1 }, eaten, tempBasal, allowed, 100, at(0));
     const { rate, duration, units, reason, error, predBGs } = told;
     return { rate, duration, units, reason, error, predBGs };
+  },
+  // The profile at a minute of the day, by segments [[minute, value], ...] and temporary targets
+  // [[minute, minutes, mg/dl], ...], of which one of 0 minutes ends those before it; and the dose by it.
+  scheduled({ minute, basal, ratio, sensitivity, target, temporary, dose }) {
+    const inputs = {
+      settings: { insulin_action_curve: 6, maxBasal: dose.profile.max_basal },
+      basals: basal.map(([minutes, rate], i) => ({ i, minutes, rate })),
+      carbratio: { units: "grams", schedule: ratio.map(([offset, value]) => ({ offset, ratio: value })) },
+      isf: { sensitivities: sensitivity.map(([offset, value]) => ({ offset, sensitivity: value })) },
+      targets: { targets: target.map(([offset, value]) => ({ offset, low: value, high: value })) },
+      temptargets: temporary.map(([from, duration, value]) => ({
+        created_at: new Date(Date.UTC(2020, 0, 15) + from * 60000).toISOString(),
+        duration,
+        ...(duration ? { targetTop: value, targetBottom: value } : {}),
+      })),
+    };
+    const told = atMinute(minute, () => profileOf({ stdout: "", err: "", return_val: 0 }, inputs));
+    const { current_basal, max_daily_basal, sens, carb_ratio, min_bg, max_bg, temptargetSet } = told;
+    const whose = { current_basal, max_daily_basal, sens, carb_ratio, min_bg, max_bg, temptargetSet };
+    return { ...answers.dose({ ...dose, profile: { ...dose.profile, ...whose } }), profile: whose };
   },
   // Insulin on board at `ahead` minutes from now, of treatments [[minutes ago, U], ...].
   iob({ treatments, profile, ahead }) {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.meals import Meal, Scenario, eaten
+from glucoloop.meals import Meal, Scenario, absorb, eaten, meal_model_of
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import Inputs, OdePatient
 from glucoloop.patients.capabilities import paced
@@ -358,3 +358,24 @@ def test_the_appearance_of_people_is_held_over_each_sample():
     inputs = PeopleMinuteInputs(SampleGrid(5.0, 3), None, (), 0, [0, 1], values)
     assert inputs.names == ("appearance_mg_min",)
     np.testing.assert_array_equal(inputs.of(slice(1, 3)).appearance_mg_min, np.repeat(values[1:, None], 5, axis=1))
+    returning = dataclasses.replace(inputs, return_mg_min=np.array([0.5, 2.0]))
+    assert returning.names == ("appearance_mg_min", "return_mg_min")
+    np.testing.assert_array_equal(returning.of(slice(1, 3)).return_mg_min, np.tile([0.5, 2.0], (2, 5, 1)))
+
+
+@pytest.mark.parametrize("integrator", [Explicit(), Adaptive()])
+def test_a_return_lessens_the_appearance_by_the_glucose_at_the_beginning_of_a_sample(integrator):
+    patient, nothing = gl.patient("hovorka-2004"), eaten([])
+    plant, outside = integrator.prepare(patient, absorb(meal_model_of(patient), nothing), SampleGrid(5.0, 1))
+    outside = jax.tree.map(lambda values: values[0], outside)
+    x, basal = patient.steady_state(patient.basal_insulin_mU_min), jnp.asarray(patient.basal_insulin_mU_min)
+
+    def after(**inputs):
+        values = {name: np.full(5, value) for name, value in inputs.items()}
+        return plant.advance(x, basal, dataclasses.replace(outside, minute_inputs=MinuteInputs(**values)))[0]
+
+    returned = after(appearance_mg_min=500.0, return_mg_min=2.0)
+    np.testing.assert_allclose(
+        returned, after(appearance_mg_min=500.0 - 2.0 * float(patient.glucose_mg_dl(x))), rtol=1e-9
+    )
+    assert patient.glucose_mg_dl(returned) < patient.glucose_mg_dl(after(appearance_mg_min=500.0))

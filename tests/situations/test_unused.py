@@ -137,6 +137,20 @@ NOTED = [
             "max_delta_bg_threshold": 0.3,
         }.items()
     ),
+    *(
+        (
+            ("run", "--controller", f"oref0, {name}={value}"),
+            f"{name} of the controller oref0 has no effect: no target is temporary.",
+        )
+        for name, value in {
+            "allow_smb_with_high_temptarget": "true",
+            "enable_smb_with_temptarget": "true",
+            "high_temptarget_raises_sensitivity": "true",
+            "low_temptarget_lowers_sensitivity": "true",
+            "half_basal_exercise_target_mg_dl": 140,
+            "autosens_max": 1.3,
+        }.items()
+    ),
     (
         ("run", "--pump", "min_bolus_U=0.5"),
         "min_bolus_U of the pump limited has no effect: the controller mpc does not",
@@ -176,6 +190,20 @@ EFFECTIVE = [
         *("run", "--patient", "hovorka-2004", "--controller"),
         "oref0, enable_smb_always=false, enable_smb_high_bg=true, enable_smb_high_bg_target_mg_dl=150, "
         "bolus_increment_U=0.05, max_smb_basal_min=60",
+    ),
+    (
+        *(
+            "run",
+            "--patient",
+            "hovorka-2004",
+            "--start",
+            "06:00",
+            "--override",
+            "exercise, from=7h, to=9h",
+            "--controller",
+        ),
+        "oref0, high_temptarget_raises_sensitivity=true, half_basal_exercise_target_mg_dl=140, "
+        "allow_smb_with_high_temptarget=true",
     ),
     ("robust", "--seeds", "3", "--check-seeds", "3"),
 ]

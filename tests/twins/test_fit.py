@@ -8,7 +8,7 @@ import pytest
 from forecast_records import gridded
 from glucoloop.forecasts.grid import SAMPLES_PER_DAY, gridded_record
 from glucoloop.patients.population import population
-from glucoloop.twins import explained, find_twin
+from glucoloop.twins import explained, find_twin, under_doses
 from glucoloop.twins.forecast import TwinPredictor
 from glucoloop.twins.twin import rises_without_carbs_pct
 from lived_records import lived
@@ -56,6 +56,34 @@ def test_with_what_is_unexplained_the_equations_give_the_record_again_at_any_sen
         assert np.sqrt(np.nanmean(error**2)) < 15.0  # the sensor's noise and its delay
         spread.append(fit.unexplained_mg_min[after].std())
     assert spread[1] < min(spread[0], spread[2])  # the right sensitivity explains most
+
+
+def test_what_returns_glucose_to_its_mean_acts_on_glucose_under_other_doses(twin):
+    patient, p = twin.mode.patient, twin.mode.p
+    fit = explained(patient, p, twin.record, float(np.nanmean(twin.training.reading_mg_dl)))
+    np.testing.assert_allclose(under_doses(patient, p, fit, twin.record), fit.glucose_mg_dl, rtol=1e-9)
+    more = dataclasses.replace(twin.record, basal_U=1.2 * twin.record.basal_U)
+    after = under_doses(patient, p, fit, more)
+    # the same with the appearance that glucose so changed has, and no return
+    change = np.append(0.0, (after - fit.glucose_mg_dl)[:-1])
+    appearance = fit.unexplained_mg_min - fit.return_mg_min * change
+    fixed = fit._replace(unexplained_mg_min=appearance, return_mg_min=0.0)
+    np.testing.assert_allclose(under_doses(patient, p, fixed, more), after, rtol=1e-9)
+    kept = under_doses(patient, p, fit._replace(return_mg_min=0.0), more)
+    assert (kept - fit.glucose_mg_dl).mean() < 1.1 * (after - fit.glucose_mg_dl).mean() < 0.0
+
+
+def test_a_return_lessens_the_fall_by_a_unit(twin):
+    patient, p = twin.mode.patient, twin.mode.p
+    slow, fast = (patient.with_return(p, value) for value in (1e5, 60.0))
+    for of, value in ((slow, 1e5), (fast, 60.0)):
+        assert float(patient.noises(of)["return_min"]) == pytest.approx(value)
+    kept, falls = (
+        patient.fall_mg_dl_U(p, 140.0),
+        [patient.fall_mg_dl_U(of, 140.0, returned=True) for of in (slow, fast)],
+    )
+    assert falls[0] == pytest.approx(kept, rel=0.01)
+    assert falls[1] < 0.8 * kept
 
 
 def test_no_forecast_sees_what_comes_later(twin):

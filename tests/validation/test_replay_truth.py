@@ -6,7 +6,15 @@ import pytest
 import replay_truth as truth
 from glucoloop.forecasts.grid import SAMPLES_PER_DAY, gridded_record
 from glucoloop.patients.population import population
-from glucoloop.twins import StoredTwin, change_range, explained, find_twin, under_doses
+from glucoloop.twins import (
+    StoredTwin,
+    change_range,
+    explained,
+    explained_people,
+    find_twin,
+    replay_people,
+    under_doses,
+)
 
 ZEROS = np.zeros((4, 3)).tolist()
 
@@ -22,7 +30,7 @@ def row(seed, true, predicted, half_width):
         "predicted": predicted,
         "range": ends.tolist(),
         "predicts": seed > 0,
-        "fall_mg_dl_U": 20.0,
+        "fall_mg_dl_U": [20.0, 10.0, 50.0 if seed else 30.0],
         "true_fall_mg_dl_U": 40.0,
     }
 
@@ -35,6 +43,7 @@ def test_slope_error_and_coverage_are_those_of_the_changes():
     assert truth.covered_pct(rows, "mean") == 50.0  # 2 of 4 are within 2 mg/dl
     text = "\n".join(truth.lines(rows))
     assert "slope 0.50 (0.50 to 0.50)" in text
+    assert "sensitivity over the true one 0.50 (0.50 to 0.50), within the range 50 %" in text
     assert "do not rely: 1 of 2" in text
     nothing = [row(0, ZEROS, ZEROS, 1.0)]
     assert "slope unknown" in "\n".join(truth.lines(nothing))
@@ -42,9 +51,10 @@ def test_slope_error_and_coverage_are_those_of_the_changes():
 
 def test_the_range_of_changes_reaches_over_both_ends_and_nine_of_ten_people_drawn():
     drawn = np.linspace(0.0, 10.0, 11)
-    low, high = change_range(np.concatenate([[1.0, 2.0, 12.0], drawn]), (0.5, 1.5))
-    assert (low, high) == (pytest.approx(0.5), pytest.approx(12.0))
-    assert change_range(np.array([1.0, 2.0, 3.0]), (0.5, 1.5)) == (1.0, 3.0)
+    assert change_range(np.concatenate([[1.0, 2.0, 12.0], drawn]), [False] * 3 + [True] * 11) == pytest.approx(
+        (0.5, 12.0)
+    )
+    assert change_range(np.array([2.0, 1.0, 3.0]), [False] * 3) == (1.0, 3.0)
 
 
 def test_who_is_there_is_not_computed_again():
@@ -70,6 +80,11 @@ def test_a_twin_of_the_persons_own_family_says_what_other_doses_do():
     true = life.under(1.2, 1.0) - life.glucose_mg_dl
     more = truth.changed_doses(record, 1.2, 1.0)
     assert more.insulin_U.sum() == pytest.approx(record.insulin_U.sum() + 0.2 * record.basal_U.sum())
-    predicted = under_doses(twin.patient, twin.p, explanation, more) - again
     counted = slice(SAMPLES_PER_DAY, None)
-    assert 0.3 < predicted[counted].mean() / true[counted].mean() < 2.0
+    people = explained_people(list(replay_people(twin, 10, 0)), record, twin.mean_mg_dl)
+    changes = [
+        (under_doses(of.patient, of.p, of.explained, more) - of.explained.glucose_mg_dl)[counted].mean()
+        for of in people
+    ]
+    low, high = change_range(np.array(changes), [of.drawn for of in people])
+    assert low < true[counted].mean() < high < 0.0

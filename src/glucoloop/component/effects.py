@@ -41,6 +41,7 @@ PROFILE: Final = Need("nothing doses by the profile of a person", "the profile o
 BOLUSES: Final = Need("no boluses are given", "boluses")
 GLUCAGON: Final = Need("no glucagon is given")
 FORECASTS: Final = Need("nothing forecasts glucose", "forecasts of glucose")
+TEMPORARY_TARGETS: Final = Need("no target is temporary")
 OTHERS_TO_COMPARE: Final = Need("there is one controller alone")
 INDIVIDUAL: Final = Need("no controller is designed", "anything of a person in its design")
 OF_CONTROLLERS: Final = frozenset(
@@ -48,7 +49,7 @@ OF_CONTROLLERS: Final = frozenset(
 )
 """Needs that controllers may meet, by what they use or give."""
 
-EVERYTHING: Final = OF_CONTROLLERS | {MEALS, EXERCISE, CHANCE, DEAD_TIME, GLUCAGON}
+EVERYTHING: Final = OF_CONTROLLERS | {MEALS, EXERCISE, CHANCE, DEAD_TIME, GLUCAGON, TEMPORARY_TARGETS}
 """All needs, which a study of many situations meets in one or another."""
 ONLY_READINGS: Final = frozenset({READINGS})
 """Needs that most controllers meet."""

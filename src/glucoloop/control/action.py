@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.effects import BOLUSES, PROFILE, READINGS, Need
+from glucoloop.component.effects import BOLUSES, PROFILE, READINGS, TEMPORARY_TARGETS, Need
 from glucoloop.component.pytree_component import HOST, derived, wired
 from glucoloop.component.setting import About
 from glucoloop.control.around import ControllerAround
@@ -179,6 +179,11 @@ class ExerciseAnnouncement(ActionComponent, name="exercise"):
         float, About("Time of the run at which exercise begins.", at_least=0.0, at_most=LONGEST_RUN_MIN)
     ] = 960.0
     duration_min: Annotated[float, About("Time for which it lasts.", above=0.0, at_most=1440.0)] = 45.0
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the action meets; the target of exercise is a temporary one."""
+        return super().uses() | {TEMPORARY_TARGETS}
+
     before_min: Annotated[float, About("Time before it begins at which it is told.", at_least=0.0, at_most=1440.0)] = (
         90.0
     )

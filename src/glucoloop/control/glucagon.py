@@ -35,8 +35,8 @@ from glucoloop.unit_guess import GLUCOSE_BOUND
 _LONG_MIN: Final = 1e5
 """Time since a dose that was never given."""
 _GAIN_UG_PER_MG_DL: Final = {True: 0.5, False: 0.02}
-"""Gain by whether glucagon is subcutaneous. Into a vein it acts at once, and more: 10 ug raise glucose of `parker-1999`
-by 27 mg/dl, and 75 ug under the skin that of `wilinska-2010-glucagon` by 39 mg/dl."""
+"""Gain by whether glucagon is subcutaneous. Intravenously it acts at once, and more: 10 ug raise glucose of
+`parker-1999` by 27 mg/dl, and 75 ug subcutaneously that of `wilinska-2010-glucagon` by 39 mg/dl."""
 
 
 @pytree
@@ -56,7 +56,7 @@ class GlucagonComponent(ControllerAround):
 
     kind: ClassVar = "glucagon controller"
     subcutaneous: bool = wired(HOST, default=True)
-    """Whether glucagon is given under the skin, as insulin is."""
+    """Whether glucagon is subcutaneous, as insulin is."""
 
     @property
     def gives_glucagon(self) -> bool:
@@ -119,7 +119,9 @@ class ThresholdGlucagon(GlucagonComponent, name="threshold"):
     gain_ug_per_mg_dl: Annotated[
         float | None,
         About(
-            "Glucagon of a sample for each mg/dl; 0.5 under the skin and 0.02 into a vein.", at_least=0.0, at_most=100.0
+            "Glucagon of a sample for each mg/dl; 0.5 subcutaneously and 0.02 intravenously.",
+            at_least=0.0,
+            at_most=100.0,
         ),
         HOST,
     ] = None
@@ -160,6 +162,7 @@ class MiniDoseGlucagon(GlucagonComponent, name="mini-dose"):
     the mean where it was 110 before, and by 19, 24 and 43 where insulin had brought it to 70.
     """
 
+    sources = ("haymond2016",)
     dose_ug: Annotated[float, About("Dose.", above=0.0, at_most=10_000.0)] = 150.0
     below_mg_dl: Annotated[
         float,

@@ -435,6 +435,7 @@ def _clean(
         announced_in_min=None if observation.announced_in_min is None else eaten_in_min(observation),
         rescue_carbs_g=None if observation.rescue_carbs_g is None else with_rescue(0.0 * delivered, observation),
         exercise_in_min=None if ahead is None else jnp.where(ahead >= 0.0, ahead, jnp.inf),
+        temporary_target=observation.temporary_target,
         key=observation.key,
     )
 
@@ -500,6 +501,8 @@ def guarded(
        window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
        given while insulin is suspended nor on a reading that is not accepted, unless a meal is announced; and none at
        all while a possible reading is low or no reading was accepted for long.
+    8. Glucagon, of a controller that gives it, is cut so that no hour and no 24 hours hold more than their caps; none
+       is given above the setpoint, nor on a reading that is not accepted.
 
     Where a person's own carbohydrate ratio or correction factor is known, ``with_profile`` scales ``B_max``, the cap of
     the hour and ``F`` by it, up to the setting ``profile_span``.

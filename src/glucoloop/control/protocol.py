@@ -42,6 +42,8 @@ class Observation:
     """Time from this sample until announced exercise begins, 0 while it lasts and infinity where none is announced; or
     None where exercise is not told.
     """
+    temporary_target: jax.Array | None = None
+    """Whether the setpoint is a temporary one, as of an override, or None where none is."""
     number: jax.Array | None = None
     """Number of the reading in a loop that runs in real time, or None in a simulation. See `timing`."""
     read_t_min: jax.Array | None = None

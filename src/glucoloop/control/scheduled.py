@@ -113,7 +113,12 @@ class Scheduled:
             return observation
         own, starts = observation.setpoint_mg_dl, self._starts
         target = _of_segment(starts, observation, lambda number: self.schedule.value(TARGET, own, starts[number]))
-        return dataclasses.replace(observation, setpoint_mg_dl=target)
+        temporary = None
+        if any(change.temporary for change in self.schedule.changes):
+            temporary = _of_segment(
+                starts, observation, lambda number: jnp.asarray(self.schedule.temporary(starts[number]))
+            )
+        return dataclasses.replace(observation, setpoint_mg_dl=target, temporary_target=temporary)
 
     @property
     def _starts(self) -> tuple[float, ...]:

@@ -207,6 +207,29 @@ def segments_of(content: object) -> dict[str, list[tuple[float, float]]] | None:
     return result or None
 
 
+def document_of(segments: Mapping[str, Sequence[tuple[float, float]]]) -> dict[str, Any]:
+    """Profile document of Nightscout with these segments, as `segments_of` reads them; without a date.
+
+    Numbers have nine decimal places, which no change of their unit moves. Nightscout has temporary targets and
+    overrides as treatments at a moment, and a profile has no place for them.
+    """
+
+    def steps(name: str) -> list[dict[str, Any]]:
+        return [
+            {
+                "time": f"{int(minute) // 60:02d}:{int(minute) % 60:02d}",
+                "value": round(value, 9),
+                "timeAsSeconds": int(minute) * 60,
+            }
+            for minute, value in segments[name]
+        ]
+
+    schedule: dict[str, Any] = {key: steps(name) for key, name in _NUMBERS.items() if name in segments}
+    if "target" in segments:
+        schedule |= {"target_low": steps("target"), "target_high": steps("target")}
+    return {"defaultProfile": "Default", "store": {"Default": {"units": "mg/dl", **schedule}}}
+
+
 def _steps(value: object) -> list[tuple[float, float]]:
     """Minute and value of each step of a list in order; none if any of them is not whole."""
     steps = [

@@ -54,7 +54,8 @@ class AdaptivePlant:
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
         assert isinstance(exogenous, Appearing)
-        start, minute_inputs, meals = exogenous.t_min, exogenous.minute_inputs, exogenous.meals
+        start, meals = exogenous.t_min, exogenous.meals
+        minute_inputs = exogenous.minute_inputs.at_glucose(self.patient.glucose_mg_dl(x))
         if not minute_inputs.names:
             states = self._between(x, insulin_mU_min, start, self.inside_min, minute_inputs, meals)
         else:
@@ -108,8 +109,8 @@ class AdaptiveGutPlant:
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
         assert isinstance(exogenous, Fed)
-
-        (x, _), states = self._points(_body_and_gut_rates, x, exogenous, insulin_mU_min, exogenous.minute_inputs)
+        minute_inputs = exogenous.minute_inputs.at_glucose(self.patient.glucose_mg_dl(x))
+        (x, _), states = self._points(_body_and_gut_rates, x, exogenous, insulin_mU_min, minute_inputs)
         return x, jax.vmap(self.patient.glucose_mg_dl)(states)
 
     def digested(self, outside: Fed) -> jax.Array:

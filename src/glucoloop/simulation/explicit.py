@@ -57,7 +57,8 @@ class ExplicitPlant:
                 x, clock = self.step(x, clock, insulin_mU_min, of_step, minute_inputs), clock + self.step_min
             return (x, clock), self.patient.glucose_mg_dl(x)
 
-        (x, _), inside = jax.lax.scan(point, (x, start), (of_points, exogenous.minute_inputs))
+        minute_inputs = exogenous.minute_inputs.at_glucose(self.patient.glucose_mg_dl(x))
+        (x, _), inside = jax.lax.scan(point, (x, start), (of_points, minute_inputs))
         return x, inside
 
     def step(

@@ -31,6 +31,8 @@ class PeopleMinuteInputs:
     person: npt.ArrayLike
     appearance_mg_min: npt.NDArray[np.float64] | None = None
     """``(samples, people)`` appearance of glucose beside that of the meals."""
+    return_mg_min: npt.NDArray[np.float64] | None = None
+    """``(people,)`` appearance less by each mg/dl of glucose at the beginning of a sample."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -41,18 +43,20 @@ class PeopleMinuteInputs:
         """Inputs ``(samples, points, people)`` in samples of the run, all by default."""
         start, stop, _ = piece.indices(self.grid.samples)
         points = self.grid.inside_min.size
-        appearance = self.appearance_mg_min
-        if appearance is not None:
-            appearance = np.repeat(appearance[start:stop, None], points, axis=1)
+        appearing = dict[str, npt.NDArray[np.float64]]()
+        if self.appearance_mg_min is not None:
+            appearing["appearance_mg_min"] = np.repeat(self.appearance_mg_min[start:stop, None], points, axis=1)
+        if self.return_mg_min is not None:
+            appearing["return_mg_min"] = np.tile(self.return_mg_min, (stop - start, points, 1))
         if not self.rhythms and self.bouts is None:
-            return MinuteInputs(appearance_mg_min=appearance)
+            return MinuteInputs(**appearing)
         edges_min = self.grid.fine_t_min[start * points : stop * points + 1]
         minute_inputs = minute_inputs_between(
             edges_min, self.bouts, self.rhythms, self.seed, self.person, self.grid.start_min
         )
         return MinuteInputs(
             **{name: getattr(minute_inputs, name).reshape(stop - start, points, -1) for name in minute_inputs.names},
-            appearance_mg_min=appearance,
+            **appearing,
         )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -78,6 +79,8 @@ class MinuteInputs:
     """Production of glucose that is added to a patient's own."""
     appearance_mg_min: jax.Array | npt.NDArray[np.float64] | None = None
     """Appearance of glucose that is added to that of the meals, and may be below 0."""
+    return_mg_min: jax.Array | npt.NDArray[np.float64] | None = None
+    """Appearance less by each mg/dl of glucose at the beginning of the sample, where there is an appearance."""
     glucagon_ug_min: jax.Array | npt.NDArray[np.float64] | None = None
     """Infusion of glucagon, which the loop gives."""
 
@@ -85,6 +88,13 @@ class MinuteInputs:
     def names(self) -> tuple[str, ...]:
         """Names of the inputs that are there."""
         return tuple(name for name, value in vars(self).items() if value is not None)
+
+    def at_glucose(self, glucose_mg_dl: jax.Array) -> MinuteInputs:
+        """The inputs of a sample that begins at a glucose."""
+        if self.return_mg_min is None:
+            return self
+        appearance = jnp.asarray(self.appearance_mg_min) - self.return_mg_min * glucose_mg_dl
+        return dataclasses.replace(self, appearance_mg_min=appearance, return_mg_min=None)
 
     def inputs(self, insulin_mU_min: jax.Array, meal_mg_min: jax.Array) -> Inputs:
         """Inputs of a patient, of those at one moment."""

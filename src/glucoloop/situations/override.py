@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.effects import PROFILE
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import TARGET, TherapyChange
@@ -36,7 +37,12 @@ class OverrideComponent(Component):
     ] = None
     insulin_pct: Annotated[
         float,
-        About("Basal rate, and insulin for meals and corrections, in percent.", at_least=10.0, at_most=1000.0),
+        About(
+            "Basal rate, and insulin for meals and corrections, in percent.",
+            at_least=10.0,
+            at_most=1000.0,
+            needs=(PROFILE,),
+        ),
     ] = _ALL
 
     def __post_init__(self) -> None:
@@ -48,7 +54,11 @@ class OverrideComponent(Component):
     def changes(self) -> tuple[TherapyChange, ...]:
         """Changes of a therapy that it stands for."""
         hours, share = (self.from_min, self.to_min), self.insulin_pct / _ALL
-        result = [] if self.target_mg_dl is None else [TherapyChange(TARGET, *hours, value=self.target_mg_dl)]
+        result = (
+            []
+            if self.target_mg_dl is None
+            else [TherapyChange(TARGET, *hours, value=self.target_mg_dl, temporary=True)]
+        )
         if share != 1.0:
             result.append(TherapyChange("basal_mU_min", *hours, factor=share))
             result += [

@@ -23,6 +23,7 @@ from glucoloop.component.effects import (
     MEALS_ANNOUNCED,
     PROFILE,
     READINGS,
+    TEMPORARY_TARGETS,
     TIME_OF_DAY,
     Need,
 )
@@ -366,8 +367,9 @@ class Situation(Component):
         clock = {TIME_OF_DAY} if self.rhythm or self.schedule.by_clock else set()
         late = {DEAD_TIME} if self.dead_time_min else set()
         announced = {MEALS_ANNOUNCED} if self.announce_meals or "announce_meals" in self.refused else set()
+        temporary = {TEMPORARY_TARGETS} if any(change.temporary for change in self.schedule.changes) else set()
         dual = set() if self.glucagon is None else {GLUCAGON}
-        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late | announced | dual
+        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late | announced | temporary | dual
 
     @property
     def by_chance(self) -> bool:

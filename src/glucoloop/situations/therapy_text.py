@@ -45,6 +45,8 @@ MEAL_HOURS: Final = {"breakfast": (300.0, 660.0), "lunch": (660.0, 960.0), "dinn
 """Hours of the day that stand for a meal: 5 to 11 h, 11 to 16 h and 16 to 22 h."""
 _KEYS: Final = {f"{name}_{number.unit.replace('/', '_')}": name for name, number in NUMBERS.items()}
 """Keys of a profile in TOML, which have their units: ``basal_U_h``."""
+_TEMPORARY: Final = "temporary"
+"""Last piece of the text of a target that is temporary, as of an override."""
 _LEAST_PCT, _MOST_PCT = 10.0, 1000.0
 _CLOCK: Final = rf"(?:[0-9]{{1,2}}:[0-5][0-9]|{NUMBER}\s*(?:min|m|h))"
 _HOURS: Final = re.compile(rf"({_CLOCK})\s*-\s*({_CLOCK})", re.ASCII)
@@ -54,12 +56,14 @@ _AMOUNT: Final = re.compile(rf"({NUMBER})\s*(%|[A-Za-z][A-Za-z/]*)?", re.ASCII)
 
 def parse_change(text: str) -> TherapyChange:
     """Change of a number of a therapy from its text, like ``basal, +10%, 0h-6h``; Refusal for another text."""
-    name, amount, hours = _pieces(text)
+    name, amount, hours, temporary = _pieces(text)
     name = _ALSO.get(name, name)
     number = NUMBERS.get(name)
     if number is None:
         raise Refusal(f"{name!r} in {text!r} is no number of a therapy; {known_names(name, NUMBERS)}")
     from_min, to_min = parse_hours(hours)
+    if temporary and number.field != TARGET:
+        raise Refusal(f"{text!r} is temporary, which a target can be alone; leave it out")
     match = _AMOUNT.fullmatch(amount)
     if match is None:
         raise Refusal(f"{amount!r} in {text!r} is no amount; write a value in {number.unit}, or a part like +10%")
@@ -76,16 +80,18 @@ def parse_change(text: str) -> TherapyChange:
             f"{amount!r} in {text!r} is no {name}; give one from {number.least:g} to {number.most:g} {number.unit}, "
             "or a part like +10%"
         )
-    return TherapyChange(number.field, from_min, to_min, value=value * number.scale)
+    return TherapyChange(number.field, from_min, to_min, value=value * number.scale, temporary=temporary)
 
 
-def _pieces(text: str) -> tuple[str, str, str]:
-    """Name, amount and hours of a text."""
+def _pieces(text: str) -> tuple[str, str, str, bool]:
+    """Name, amount and hours of a text, and whether it ends with `_TEMPORARY`."""
     pieces = [piece.strip() for piece in text.split(",")]
+    temporary = len(pieces) > 2 and pieces[-1] == _TEMPORARY
+    pieces = pieces[:-1] if temporary else pieces
     if not 2 <= len(pieces) <= 3 or not all(pieces):
         raise Refusal(f"{text!r} is no change of a therapy; write it like 'basal, +10%, 0h-6h' or 'carb_ratio, 8'")
     name, amount, hours = (*pieces, "")[:3]
-    return name, amount, hours
+    return name, amount, hours, temporary
 
 
 def parse_percent(text: str) -> float:
@@ -142,7 +148,8 @@ def change_text(change: TherapyChange) -> str:
         if change.value is None
         else plain_number(change.value / NUMBERS[name].scale)
     )
-    return f"{name}, {amount}, {plain_number(change.from_min)}min-{plain_number(change.to_min)}min"
+    hours = f"{plain_number(change.from_min)}min-{plain_number(change.to_min)}min"
+    return ", ".join((name, amount, hours, *((_TEMPORARY,) if change.temporary else ())))
 
 
 def plain_number(value: float) -> str:

@@ -4,8 +4,10 @@ from .fit import find_mode as find_mode
 from .forecast import TwinForecast as TwinForecast
 from .prior import Prior as Prior
 from .prior import prior_of as prior_of
+from .replayed import change_range as change_range
+from .replayed import explained_people as explained_people
+from .replayed import replay_people as replay_people
 from .stored import StoredTwin as StoredTwin
-from .stored import change_range as change_range
 from .stored import people_of as people_of
 from .twin import Twin as Twin
 from .twin import find_twin as find_twin

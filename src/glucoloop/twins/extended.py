@@ -193,7 +193,9 @@ class Linearised(NamedTuple):
     return_mg_min: Any
     """Appearance less by each mg/dl of glucose above the mean reading [mg/min]: `r`."""
     fall_mg_dl_U: Any
-    """Largest fall of glucose by 1 U."""
+    """Largest fall of glucose by 1 U, without `r`."""
+    returned_fall_mg_dl_U: Any
+    """The same with `r`."""
 
 
 @dataclass(frozen=True)
@@ -234,15 +236,15 @@ class ExtendedPatient:
         prior = Prior(fixed.population, fixed.patient, fixed.parameters, numbers.mean, numbers.factor, values)
         return cls(prior, fixed.steps, fixed.site)
 
-    def with_sensitivity(self, factor: float) -> ExtendedPatient:
-        """The patient whose people are as many times as sensitive to insulin; Refusal where no parameter says so."""
+    @property
+    def sensitive(self) -> npt.NDArray[np.bool_]:
+        """Which parameters the patient declares as its sensitivity to insulin."""
         declared = getattr(patient_entry(self.prior.patient), "insulin_sensitivity", ())
-        sensitive = np.array([name in declared for name in self.prior.parameters])
-        if not sensitive.any():
-            raise Refusal(
-                f"{self.prior.patient} does not declare which of its parameters are its sensitivity to insulin"
-            )
-        mean = self.prior.mean + math.log(factor) * sensitive
+        return np.array([name in declared for name in self.prior.parameters])
+
+    def with_sensitivity(self, factor: float) -> ExtendedPatient:
+        """The patient whose people are as many times as sensitive to insulin; the same where no parameter says so."""
+        mean = self.prior.mean + math.log(factor) * self.sensitive
         return dataclasses.replace(self, prior=dataclasses.replace(self.prior, mean=mean))
 
     @property
@@ -275,9 +277,15 @@ class ExtendedPatient:
         unknown = jnp.full(1, jnp.nan)
         return patient_entry(self.prior.patient).build(self.values(p), unknown, unknown)
 
-    def fall_mg_dl_U(self, p: Values, working_mg_dl: float) -> float:
-        """Largest fall of glucose by 1 U; NaN for a person whom no rate holds at the glucose."""
-        return float(_fall_program(self.fixed)(p, self.numbers, working_mg_dl))
+    def fall_mg_dl_U(self, p: Values, working_mg_dl: float, *, returned: bool = False) -> float:
+        """Largest fall of glucose by 1 U, without or with `r`; NaN for a person whom no rate holds at the glucose."""
+        return float(_fall_program(self.fixed)(p, self.numbers, working_mg_dl)[int(returned)])
+
+    def with_return(self, p: Values, return_min: float) -> Values:
+        """Coordinates of a person with another time constant of `r`."""
+        of, result = NOISES["return_min"], p.copy()
+        result[-len(NOISES) + list(NOISES).index("return_min")] = math.log(return_min / of.median) / of.log_sd
+        return result
 
     def moments(self, person: Any, days: Days) -> jax.Array:
         """Moments ``(samples, steps, 3, 1)`` of the appearance of the meals."""
@@ -344,11 +352,12 @@ class ExtendedPatient:
         A, B, G = jax.jacfwd(after, (0, 1, 2))(state[:, 0], rate, jnp.zeros(3))
         c = jax.jacfwd(seen)(state[:, 0])
 
-        def response(row: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
-            return row @ A, row
+        def responses(A: jax.Array) -> jax.Array:
+            _, rows = jax.lax.scan(lambda row, _: (row @ A, row), c, None, length=_RESPONSE)
+            return jnp.asarray(rows)
 
-        _, rows = jax.lax.scan(response, c, None, length=_RESPONSE)
-        of_insulin, of_w = rows @ B[:, 0], rows @ G
+        rows = responses(A)
+        of_w = rows @ G
         largest, whole = jnp.max(of_w, axis=0), jnp.sum(of_w, axis=0)
         returning = SAMPLE_MIN / (noises["return_min"] * largest[1])
         A = A - returning * jnp.outer(G[:, 1], c)
@@ -366,8 +375,8 @@ class ExtendedPatient:
         predicted = _stationary(A, c, noise, variance)
         gain = predicted @ c / (c @ predicted @ c + variance)
         b = p[len(self.prior.parameters) : len(self.prior.parameters) + WAVES] * jnp.asarray(_waves_sd()) / whole[1]
-        fall = -jnp.min(of_insulin) * MU_PER_U / SAMPLE_MIN
-        return Linearised(state, A, G, c, noise, variance, predicted, gain, unit, b, returning, fall)
+        fall, returned = (-jnp.min(of @ B[:, 0]) * MU_PER_U / SAMPLE_MIN for of in (rows, responses(A)))
+        return Linearised(state, A, G, c, noise, variance, predicted, gain, unit, b, returning, fall, returned)
 
     def disturbed(
         self,
@@ -410,13 +419,25 @@ class ExtendedPatient:
         return result
 
     def under_doses(
-        self, person: Any, p: jax.Array, start: jax.Array, days: Days, moments: jax.Array, appearance_mg_min: jax.Array
+        self,
+        person: Any,
+        p: jax.Array,
+        start: jax.Array,
+        days: Days,
+        moments: jax.Array,
+        appearance_mg_min: jax.Array,
+        return_mg_min: Any,
     ) -> jax.Array:
-        """Controlled glucose ``(samples,)`` after each sample, from a state ``(states,)``, with a known appearance."""
+        """Controlled glucose ``(samples,)`` after each sample, from a state ``(states,)``.
+
+        The appearance of each sample is known but for the part of the glucose at its beginning, which it is less by.
+        """
         noises = self.noises(p)
 
         def sample(state: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
-            state = self.step(person, noises, state, *entry)
+            insulin, of_sample, appearance, clock = entry
+            appearance = appearance - return_mg_min * person.glucose_mg_dl(state[:-EXTRA_STATES])
+            state = self.step(person, noises, state, insulin, of_sample, appearance, clock)
             return state, person.glucose_mg_dl(state[:-EXTRA_STATES])[0]
 
         begun = jnp.concatenate([start, jnp.zeros(EXTRA_STATES)])[:, None]
@@ -457,9 +478,10 @@ class ExtendedPatient:
 @functools.lru_cache(maxsize=8)
 def _fall_program(fixed: ProgramKey) -> Any:
     @jax.jit
-    def fall(p: jax.Array, numbers: Numbers, working_mg_dl: jax.Array) -> jax.Array:
+    def fall(p: jax.Array, numbers: Numbers, working_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         patient = ExtendedPatient.traced(fixed, numbers)
-        return patient.linearised(patient.person(p), p, working_mg_dl).fall_mg_dl_U  # type: ignore[no-any-return]
+        linear = patient.linearised(patient.person(p), p, working_mg_dl)
+        return linear.fall_mg_dl_U, linear.returned_fall_mg_dl_U
 
     return fall
 

@@ -155,10 +155,7 @@ def _scaled_to(patient: ExtendedPatient, days: Days, fall_mg_dl_U: float) -> Ext
         fall = patient.fall_mg_dl_U(np.zeros(patient.coordinates), days.working_mg_dl)
         if not (np.isfinite(fall) and fall > 0.0):
             break
-        try:
-            patient = patient.with_sensitivity(float(np.clip(fall_mg_dl_U / fall, *_SCALED)))
-        except Refusal:  # no parameter is proportional to it: the population is taken as it is
-            break
+        patient = patient.with_sensitivity(float(np.clip(fall_mg_dl_U / fall, *_SCALED)))
     return patient
 
 

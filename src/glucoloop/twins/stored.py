@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +21,6 @@ from glucoloop.twins.prior import Prior
 from glucoloop.twins.twin import TWIN
 
 Values = npt.NDArray[np.float64]
-
-SENSITIVITIES: Final = (0.5, 1.5)
-"""Factors on the sensitivity to insulin between which a record hardly tells."""
-_RANGE_PCT: Final = (5.0, 95.0)
 
 _Coordinate = Annotated[float, ValueBounds(at_least=-60.0, at_most=60.0)]
 _Positive = Annotated[float, ValueBounds(at_least=1e-12, at_most=1e12)]
@@ -108,32 +104,6 @@ class StoredTwin:
                 f"it is no twin that glucoloop wrote: {one_line(error)}; find it again with `glucoloop twin`"
             ) from None
         return cls(patient, np.asarray(of.coordinates), factor, of.mean_mg_dl, one_line(kept.verdict), kept.predicts)
-
-    def people(self, draws: int, seed: int) -> tuple[list[tuple[ExtendedPatient, Values]], tuple[float, ...]]:
-        """The twin, with other sensitivities to insulin, and people of the posterior; and the factors of the second.
-
-        There are no factors for a patient that does not declare which of its parameters are its sensitivity.
-        """
-        try:
-            ends = tuple((factor, self.patient.with_sensitivity(factor)) for factor in SENSITIVITIES)
-        except Refusal:
-            ends = ()
-        people = [(self.patient, self.p), *((patient, self.p) for _, patient in ends)]
-        people += [(self.patient, p) for p in self.drawn(draws, seed)]
-        return people, tuple(factor for factor, _ in ends)
-
-    def drawn(self, draws: int, seed: int) -> Values:
-        """Coordinates ``(draws, coordinates)`` of people drawn from the posterior."""
-        scores = np.random.default_rng(seed).standard_normal((draws, self.p.size))
-        result: Values = self.p + scores @ self.factor.T
-        return result
-
-
-def change_range(values: Values, sensitivities: tuple[float, ...]) -> tuple[Values, Values]:
-    """Lowest and highest of values ``(people, ...)`` of `StoredTwin.people`, of the drawn people nine of ten."""
-    ends, drawn = values[: 1 + len(sensitivities)], values[1 + len(sensitivities) :]
-    low, high = np.percentile(drawn, _RANGE_PCT, axis=0) if len(drawn) else (values[0], values[0])
-    return np.minimum(low, ends.min(axis=0)), np.maximum(high, ends.max(axis=0))
 
 
 def people_of(patient: str, values: list[dict[str, float]], profile: Mapping[str, float]) -> Population:

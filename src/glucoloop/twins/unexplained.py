@@ -68,6 +68,17 @@ class Explained(NamedTuple):
     """``(samples,)`` glucose after each sample that the equations give with it."""
     start: Values
     """``(states,)`` state of the patient at the start."""
+    first_mg_dl: float
+    """Glucose at the start."""
+    return_mg_min: float
+    """Appearance less by each mg/dl by which glucose is above that of the record."""
+
+    @property
+    def other_mg_min(self) -> Values:
+        """``(samples,)`` appearance without the part ``-return_mg_min`` of the glucose at the beginning of a sample."""
+        begins = np.append(self.first_mg_dl, self.glucose_mg_dl[:-1])
+        result: Values = self.unexplained_mg_min + self.return_mg_min * begins
+        return result
 
 
 def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_mg_dl: float) -> Explained:
@@ -108,17 +119,26 @@ def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_m
         if fallen < _SETTLED:
             break
     samples = record.reading_mg_dl.size
-    return Explained(here.unexplained_mg_min[:samples], here.glucose_mg_dl[:samples], linear.state[:-EXTRA_STATES, 0])
+    begun = linear.state[:-EXTRA_STATES]
+    return Explained(
+        unexplained_mg_min=here.unexplained_mg_min[:samples],
+        glucose_mg_dl=here.glucose_mg_dl[:samples],
+        start=begun[:, 0],
+        first_mg_dl=float(patient.person(jnp.asarray(p)).glucose_mg_dl(jnp.asarray(begun))[0]),
+        return_mg_min=float(linear.return_mg_min),
+    )
 
 
 def under_doses(patient: ExtendedPatient, p: Values, of: Explained, record: GriddedRecord) -> Values:
     """Glucose ``(samples,)`` of an explained person under the doses of a record, with the same appearance of glucose.
 
-    Under the doses of the record by which the person was explained it is the glucose of `of`.
+    What returns glucose to its mean acts on glucose as it is under these doses. Under the doses of the record by which
+    the person was explained it is the glucose of `of`.
     """
-    days = days_of_record(record, 0.0)
-    appearance = np.append(of.unexplained_mg_min, np.zeros(days.reading_mg_dl.size - of.unexplained_mg_min.size))
-    result: Values = np.asarray(_dosed(patient.fixed)(p, patient.numbers, days, of.start, appearance))
+    days, appearance = days_of_record(record, 0.0), of.other_mg_min
+    appearance = np.append(appearance, np.zeros(days.reading_mg_dl.size - appearance.size))
+    dosed = _dosed(patient.fixed)
+    result: Values = np.asarray(dosed(p, patient.numbers, days, of.start, appearance, of.return_mg_min))
     return result[: record.reading_mg_dl.size]
 
 
@@ -167,10 +187,11 @@ def _dosed(fixed: ProgramKey) -> Any:
     """Program of `ExtendedPatient.under_doses`."""
 
     @jax.jit
-    def dosed(p: jax.Array, numbers: Numbers, days: Days, start: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
+    def dosed(p: jax.Array, numbers: Numbers, days: Days, *given: Any) -> jax.Array:
         patient = ExtendedPatient.traced(fixed, numbers)
         person = patient.person(p)
-        return patient.under_doses(person, p, start, days, patient.moments(person, days), appearance_mg_min)
+        start, *appearing = given
+        return patient.under_doses(person, p, start, days, patient.moments(person, days), *appearing)
 
     return dosed
 

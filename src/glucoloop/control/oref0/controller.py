@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
-from glucoloop.component.effects import Need
+from glucoloop.component.effects import TEMPORARY_TARGETS, Need
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, derived
 from glucoloop.component.setting import About
 from glucoloop.control.decision import (
@@ -46,6 +46,7 @@ from glucoloop.control.oref0.records import (
     InsulinOnBoard,
     MealData,
     TempBasal,
+    rounded,
     whole,
 )
 from glucoloop.control.part import FOR_MEALS, CarbRatio, CorrectionFactor, OfPerson
@@ -59,6 +60,8 @@ from glucoloop.units import MIN_PER_H, MU_MIN_PER_U_H, MU_PER_U, u_h_from_mu_min
 _LOWEST_MG_DL, _HIGHEST_MG_DL = 39.0, 600.0
 """Range of a reading that is used. Sensors show 40 to 400; 39 stands for what is lower, since 38 is a code of an error.
 """
+_TARGETS_MG_DL: Final = (80.0, 200.0)
+"""Bounds of a target (``bound_target_range`` of ``profile/targets.js``)."""
 _LONG_AGO_MIN: Final = 1e4
 _MIN_BASAL_U_H: Final = 0.01
 """Minimum basal rate of a profile, so that a person without one has finite numbers."""
@@ -72,9 +75,25 @@ def _pushed(row: jax.Array, newest: jax.Array) -> jax.Array:
     return jnp.concatenate([newest[None], row[:-1]])
 
 
+def _written(rate_mU_min: Any) -> jax.Array:
+    """Rate in U/h as it was written, where it was: the two changes of its unit may move its last digit."""
+    return rounded(u_h_from_mu_min(jnp.asarray(rate_mU_min)), 9)
+
+
+def _is_temporary(observation: Observation) -> jax.Array | bool:
+    """``temptargetSet``: whether the target is a temporary one, or that of announced exercise."""
+    temporary: jax.Array | bool = False
+    if observation.temporary_target is not None:
+        temporary = observation.temporary_target
+    if observation.exercise_in_min is not None:
+        temporary = temporary | (observation.exercise_in_min < jnp.inf)
+    return temporary
+
+
 _AT_TIMES: Final = Need("enable_smb_always is on")
 _HIGH: Final = Need("enable_smb_high_bg is off")
 _SMB: Final = Need("no microboluses are enabled")
+_SENSITIVITY: Final = Need("no temporary target changes the sensitivity")
 
 
 @pytree
@@ -208,6 +227,49 @@ class Oref0(OfPerson, name="oref0"):
             needs=(_AT_TIMES, _HIGH),
         ),
     ] = 110.0
+    allow_smb_with_high_temptarget: Annotated[
+        bool,
+        About(
+            "Whether microboluses are given at a temporary target above 100 mg/dl too.",
+            needs=(TEMPORARY_TARGETS, _SMB),
+        ),
+    ] = False
+    enable_smb_with_temptarget: Annotated[
+        bool,
+        About(
+            "Whether microboluses are given at a temporary target below 100 mg/dl.",
+            needs=(TEMPORARY_TARGETS, _AT_TIMES),
+        ),
+    ] = False
+    high_temptarget_raises_sensitivity: Annotated[
+        bool,
+        About(
+            "Whether a temporary target above 100 mg/dl lowers basal rate and corrections.", needs=(TEMPORARY_TARGETS,)
+        ),
+    ] = False
+    low_temptarget_lowers_sensitivity: Annotated[
+        bool,
+        About("Whether one below 100 mg/dl raises basal rate and corrections.", needs=(TEMPORARY_TARGETS,)),
+    ] = False
+    half_basal_exercise_target_mg_dl: Annotated[
+        float,
+        About(
+            "Temporary target at which the basal rate is halved.",
+            at_least=110.0,
+            at_most=300.0,
+            quantity=GLUCOSE_BOUND,
+            needs=(TEMPORARY_TARGETS, _SENSITIVITY),
+        ),
+    ] = 160.0
+    autosens_max: Annotated[
+        float,
+        About(
+            "Largest factor on basal rate and corrections by a temporary target.",
+            at_least=1.0,
+            at_most=2.0,
+            needs=(TEMPORARY_TARGETS, _SENSITIVITY),
+        ),
+    ] = 1.2
     max_smb_basal_min: Annotated[
         float, About("Largest microbolus, in minutes of the basal rate.", above=0.0, needs=(_SMB,))
     ] = 30.0
@@ -265,7 +327,15 @@ class Oref0(OfPerson, name="oref0"):
         at_times = frozenset(() if self.enable_smb_always else {_AT_TIMES})
         high = frozenset({_HIGH} if self.enable_smb_high_bg else ())
         enabled = self.enable_smb_always or self.enable_smb_with_cob or self.enable_smb_after_carbs
-        return super().uses() | at_times | high | frozenset({_SMB} if enabled or self.enable_smb_high_bg else ())
+        enabled = enabled or self.enable_smb_high_bg or self.enable_smb_with_temptarget
+        sensitivity = self.high_temptarget_raises_sensitivity or self.low_temptarget_lowers_sensitivity
+        return (
+            super().uses()
+            | at_times
+            | high
+            | frozenset({_SMB} if enabled else ())
+            | frozenset({_SENSITIVITY} if sensitivity else ())
+        )
 
     def of_person(
         self,
@@ -297,7 +367,7 @@ class Oref0(OfPerson, name="oref0"):
         """Profile of oref0, from that of the person and the settings."""
         profile = self._person
         most = profile.max_daily_basal_mU_min
-        basal: jax.Array = jnp.maximum(u_h_from_mu_min(jnp.asarray(profile.basal_mU_min)), _MIN_BASAL_U_H)
+        basal: jax.Array = jnp.maximum(_written(profile.basal_mU_min), _MIN_BASAL_U_H)
         target = whole(jnp.asarray(profile.setpoint_mg_dl, basal.dtype))
         by_rule = _BASAL_HOURS * basal + profile.daily_dose_U() * _MEAL_SHARE / _MEALS_A_DAY
         maximum = self.limits.max_mU_min
@@ -306,11 +376,11 @@ class Oref0(OfPerson, name="oref0"):
         preferences = {
             field.name: getattr(self, field.name)
             for field in dataclasses.fields(DosingProfile)
-            if field.default is not dataclasses.MISSING and field.name != "max_iob_U"
+            if field.default is not dataclasses.MISSING and field.name not in ("max_iob_U", "temptarget_set")
         }
         return DosingProfile(
             current_basal_U_h=basal,
-            max_daily_basal_U_h=basal if most is None else jnp.maximum(basal, u_h_from_mu_min(jnp.asarray(most))),
+            max_daily_basal_U_h=basal if most is None else jnp.maximum(basal, _written(most)),
             max_basal_U_h=u_h_from_mu_min(jnp.asarray(maximum)),
             sens_mg_dl_U=self.correction_mg_dl_U or profile.correction_factor(),
             carb_ratio_g_U=self.carb_ratio_g_U or profile.carb_ratio(),
@@ -406,8 +476,10 @@ class Oref0(OfPerson, name="oref0"):
 
         setpoint = target_mg_dl(observation)
         setpoint = jnp.where(jnp.isfinite(setpoint) & (setpoint > 0.0), setpoint, self.setpoint_mg_dl)
-        target = whole(jnp.minimum(setpoint, _HIGHEST_MG_DL))
-        profile = dataclasses.replace(self.dosing, min_bg_mg_dl=target, max_bg_mg_dl=target)
+        target = whole(jnp.clip(setpoint, *_TARGETS_MG_DL))
+        profile = dataclasses.replace(
+            self.dosing, min_bg_mg_dl=target, max_bg_mg_dl=target, temptarget_set=_is_temporary(observation)
+        )
         glucose = glucose_get_last(readings)
         iob = iob_total(
             jnp.concatenate([(meal_mU / MU_PER_U)[None], insulin]),

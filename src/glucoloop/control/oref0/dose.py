@@ -3,8 +3,8 @@
 The original returns at the first condition that holds. Here each condition stands in a list with its answer, in the
 order of the original, and the answer of the first that holds is taken.
 
-Left out are temporary targets, ratios of autosens other than 1, noise and calibrations of the sensor, comparisons of
-the history of the pump with the rate in force, the bolus wizard, and temporary basal rates that are skipped if neutral.
+Left out are ratios of autosens, noise and calibrations of the sensor, comparisons of the history of the pump with the
+rate in force, the bolus wizard, and temporary basal rates that are skipped if neutral.
 """
 
 from __future__ import annotations
@@ -83,7 +83,9 @@ def determine_basal(
     target_bg, threshold = (min_bg + max_bg) / 2.0, min_bg - 0.5 * (min_bg - 40.0)
     now = effects_now(glucose, iob, profile)
     ahead = forecast(glucose, iob, meal, profile, now, target_bg=target_bg, threshold=threshold)
-    basal = round_basal(jnp.asarray(profile.current_basal_U_h), profile)
+    own_basal, ratio = jnp.asarray(profile.current_basal_U_h), now.sensitivity_ratio
+    scheduled_basal = round_basal(own_basal, profile)
+    basal = scheduled_basal if ratio is None else round_basal(own_basal * ratio, profile)
     seen = _Situation(
         glucose=glucose,
         temp=temp,
@@ -99,14 +101,14 @@ def determine_basal(
     bg, falls_low = glucose.glucose_mg_dl, ahead.min_guard_bg < threshold
     max_delta = jnp.maximum(jnp.maximum(glucose.delta, glucose.short_avgdelta), glucose.long_avgdelta)
     sudden = max_delta > jnp.minimum(profile.max_delta_bg_threshold, 0.3) * bg
-    smb = micro_bolus_allowed & _enable_smb(bg, meal, profile) & ~falls_low & ~sudden
+    smb = micro_bolus_allowed & _enable_smb(bg, meal, profile, target_bg) & ~falls_low & ~sudden
     expected = rounded(now.bgi + (target_bg - now.eventual_bg) / 24.0, 1)  # expectedDelta
     low, empty = bg < threshold, iob.iob_U < -jnp.asarray(profile.current_basal_U_h) * 20.0 / 60.0
     recovers = low & empty & (now.min_delta > 0.0) & (now.min_delta > expected)
     in_range = jnp.minimum(ahead.eventual_bg, ahead.min_pred_bg) < max_bg
     return _first(
         [
-            (_unusable(glucose, profile), _without_reading(seen)),
+            (_unusable(glucose, profile), _without_reading(temp, scheduled_basal)),
             (~recovers & (low | falls_low), _suspend(seen)),
             (ahead.eventual_bg < min_bg, _lower(seen, expected)),
             (((now.min_delta < expected) | in_range) & ~smb, seen.neutral()),
@@ -116,14 +118,19 @@ def determine_basal(
     )
 
 
-def _enable_smb(bg: jax.Array, meal: MealData, profile: DosingProfile) -> jax.Array:
-    """``_enable_smb``: whether a preference allows microboluses now."""
-    return (
+def _enable_smb(bg: jax.Array, meal: MealData, profile: DosingProfile, target_bg: jax.Array) -> jax.Array:
+    """``enable_smb``: whether a preference allows microboluses now."""
+    enabled = (
         jnp.asarray(profile.enable_smb_always)
         | (profile.enable_smb_with_cob & (meal.meal_cob_g > 0.0))
         | (profile.enable_smb_after_carbs & (meal.carbs_g > 0.0))
         | (profile.enable_smb_high_bg & (bg >= profile.enable_smb_high_bg_target_mg_dl))
     )
+    if profile.temptarget_set is False:
+        return enabled
+    set_now = jnp.asarray(profile.temptarget_set)
+    enabled = enabled | (profile.enable_smb_with_temptarget & set_now & (target_bg < 100.0))
+    return enabled & ~(set_now & (target_bg > 100.0) & ~jnp.asarray(profile.allow_smb_with_high_temptarget))
 
 
 def _unusable(glucose: GlucoseStatus, profile: DosingProfile) -> jax.Array:
@@ -136,15 +143,14 @@ def _unusable(glucose: GlucoseStatus, profile: DosingProfile) -> jax.Array:
     return bad | ((bg > 60.0) & (glucose.delta == 0.0) & flat)
 
 
-def _without_reading(seen: _Situation) -> Suggestion:
+def _without_reading(temp: TempBasal, basal: jax.Array) -> Suggestion:
     """The basal rate in place of a higher one, and no rate of 0 for over 30 min."""
-    temp = seen.temp
     return _first(
         [
-            (temp.rate_U_h > seen.basal, _suggested(seen.basal, 30.0)),
-            ((temp.rate_U_h == 0.0) & (temp.duration_min > 30.0), _suggested(jnp.zeros_like(seen.basal), 30.0)),
+            (temp.rate_U_h > basal, _suggested(basal, 30.0)),
+            ((temp.rate_U_h == 0.0) & (temp.duration_min > 30.0), _suggested(jnp.zeros_like(basal), 30.0)),
         ],
-        seen.nothing(),
+        _suggested(temp.rate_U_h, temp.duration_min, holds=False),
     )
 
 

@@ -34,6 +34,8 @@ _KEPT: Final = 48
 """Points of a line, the reading included."""
 _INSULIN_PEAK, _UAM_WAIT = 18, 12
 """Points after which the minimum glucose counts, 90 min and 60 min."""
+_NORMAL_TARGET: Final = 100.0
+"""Target by which a temporary one is high or low, whatever the schedule has."""
 _MAX_ABSORPTION_G_H, _ASSUMED_ABSORPTION_G_H, _MIN_ABSORPTION_H = 30.0, 20.0, 3.0
 
 
@@ -52,6 +54,8 @@ class Effects:
     """Glucose once insulin on board has acted, and nothing else."""
     eventual_bg: jax.Array
     """The same with the deviation of now for half an hour."""
+    sensitivity_ratio: jax.Array | None = None
+    """``sensitivityRatio``: need of insulin by a temporary target, as a multiple of the usual one; None without one."""
 
 
 @pytree
@@ -67,9 +71,9 @@ class Forecast:
 
 
 def effects_now(glucose: GlucoseStatus, iob: InsulinOnBoard, profile: DosingProfile) -> Effects:
-    """Effects at the last reading, with the sensitivity that a ratio of autosens of 1 leaves."""
-    own_sens = jnp.asarray(profile.sens_mg_dl_U)
-    sens, bg = rounded(own_sens, 1), glucose.glucose_mg_dl
+    """Effects at the last reading, with the sensitivity that a temporary target and a ratio of autosens of 1 leave."""
+    own_sens, ratio = jnp.asarray(profile.sens_mg_dl_U), _sensitivity_ratio(profile)
+    sens, bg = rounded(own_sens if ratio is None else own_sens / ratio, 1), glucose.glucose_mg_dl
     bgi = rounded(-iob.activity_U_min * sens * 5.0, 2)
     min_delta = jnp.minimum(glucose.delta, glucose.short_avgdelta)
     min_avg_delta = jnp.minimum(glucose.short_avgdelta, glucose.long_avgdelta)
@@ -85,7 +89,23 @@ def effects_now(glucose: GlucoseStatus, iob: InsulinOnBoard, profile: DosingProf
         min_delta=min_delta,
         naive_eventual_bg=naive,
         eventual_bg=naive + deviation,
+        sensitivity_ratio=ratio,
     )
+
+
+def _sensitivity_ratio(profile: DosingProfile) -> jax.Array | None:
+    """Ratio by a temporary target, where a preference has it change the need of insulin; None if none can be set."""
+    if profile.temptarget_set is False:
+        return None
+    target = (jnp.asarray(profile.min_bg_mg_dl) + jnp.asarray(profile.max_bg_mg_dl)) / 2.0
+    half = profile.half_basal_exercise_target_mg_dl - _NORMAL_TARGET
+    away = half + target - _NORMAL_TARGET
+    most = jnp.asarray(profile.autosens_max)
+    ratio = jnp.where(half * away <= 0.0, most, half / jnp.where(away == 0.0, 1.0, away))
+    changes = (jnp.asarray(profile.high_temptarget_raises_sensitivity) & (target > _NORMAL_TARGET)) | (
+        jnp.asarray(profile.low_temptarget_lowers_sensitivity) & (target < _NORMAL_TARGET)
+    )
+    return jnp.where(changes & profile.temptarget_set, rounded(jnp.minimum(ratio, most), 2), 1.0)
 
 
 @pytree
@@ -191,7 +211,7 @@ def predicted(bg: jax.Array, iob: InsulinOnBoard, meal: MealData, profile: Dosin
     n = numbered(ticks, bg, 1)
     uci = rounded(now.min_delta - now.bgi, 1)
     ci = jnp.minimum(uci, rounded(_MAX_ABSORPTION_G_H * now.csf * 5.0 / 60.0, 1))
-    hours, peak, duration = _remaining_carbs(ci, meal, profile, now.csf)
+    hours, peak, duration = _remaining_carbs(ci, meal, profile, now)
     bgi = rounded(-iob.ahead_U_min * now.sens * 5.0, 2)
     zt_bgi = rounded(-iob.zero_temp_ahead_U_min * now.sens * 5.0, 2)
     dev = ci * (1.0 - jnp.minimum(1.0, n / 12.0))
@@ -214,13 +234,15 @@ def predicted(bg: jax.Array, iob: InsulinOnBoard, meal: MealData, profile: Dosin
 
 
 def _remaining_carbs(
-    ci: jax.Array, meal: MealData, profile: DosingProfile, csf: jax.Array
+    ci: jax.Array, meal: MealData, profile: DosingProfile, now: Effects
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Hours in which carbohydrate on board is absorbed, peak of what nothing tells of yet, and half of the duration.
 
     They are ``remainingCATime``, ``remainingCIpeak`` [mg/dl/5 min] and ``cid`` [5 min].
     """
-    on_board, least = meal.meal_cob_g, jnp.full_like(ci, _MIN_ABSORPTION_H)
+    on_board, least, csf = meal.meal_cob_g, jnp.full_like(ci, _MIN_ABSORPTION_H), now.csf
+    if now.sensitivity_ratio is not None:
+        least = least / now.sensitivity_ratio
     age = whole(meal.last_carb_age_min)
     late = rounded(jnp.maximum(least, on_board / _ASSUMED_ABSORPTION_G_H) + 1.5 * age / 60.0, 1)
     hours = jnp.where(meal.carbs_g > 0.0, late, least)

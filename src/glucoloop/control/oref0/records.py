@@ -82,6 +82,8 @@ class DosingProfile:
     min_bg_mg_dl: jax.Array | float
     max_bg_mg_dl: jax.Array | float
     max_iob_U: jax.Array | float = 0.0
+    temptarget_set: jax.Array | bool = False
+    """Whether the target is a temporary one."""
     max_daily_safety_multiplier: jax.Array | float = 3.0
     current_basal_safety_multiplier: jax.Array | float = 4.0
     enable_uam: jax.Array | bool = True
@@ -92,6 +94,13 @@ class DosingProfile:
     enable_smb_high_bg_target_mg_dl: jax.Array | float = 110.0
     max_smb_basal_min: jax.Array | float = 30.0
     max_uam_smb_basal_min: jax.Array | float = 30.0
+    allow_smb_with_high_temptarget: jax.Array | bool = False
+    enable_smb_with_temptarget: jax.Array | bool = False
+    high_temptarget_raises_sensitivity: jax.Array | bool = False
+    """``high_temptarget_raises_sensitivity`` or, without what the history of the pump has of it, ``exercise_mode``."""
+    low_temptarget_lowers_sensitivity: jax.Array | bool = False
+    half_basal_exercise_target_mg_dl: jax.Array | float = 160.0
+    autosens_max: jax.Array | float = 1.2
     smb_interval_min: jax.Array | float = 3.0
     bolus_increment_U: jax.Array | float = 0.1
     max_delta_bg_threshold: jax.Array | float = 0.2

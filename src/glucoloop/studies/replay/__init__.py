@@ -53,7 +53,7 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
         str | None, _replay("Folder of `glucoloop twin`, with the twin of the person of the record.", metavar="FOLDER")
     ] = None
     draws: Annotated[
-        int, _replay("People drawn from the posterior of the twin, for the intervals.", at_least=0, at_most=200)
+        int, _replay("People drawn whom the record leaves open, for the intervals.", at_least=0, at_most=200)
     ] = 10
     unannounced: Annotated[
         bool, _replay("Do not tell the controller of the meals of the record.", needs=(ANNOUNCEMENTS,))
@@ -119,9 +119,10 @@ REPLAY: Final = PlainStudy(
         "ones under a change, in place of those that were given.\n\n"
         "Meals are those of the record, announced when they were entered. What the record does not explain, such as "
         "meals that nobody entered, stays as an appearance of glucose, with which the twin under the recorded doses "
-        "gives the record again; what a therapy changes is the difference from that. Everything is done again for a "
-        "twin with half and with one and a half of the sensitivity to insulin, which a record hardly tells, and for "
-        "people drawn from the posterior. Whether the twin predicted the days held out stands first.\n\n"
+        "gives the record again; what a therapy changes is the difference from that. Only what returns glucose to its "
+        "mean acts on glucose as the therapy makes it. Everything is done again with half and with one and a half of "
+        "the sensitivity to insulin, which a record hardly tells, and for people drawn. Whether the twin predicted the "
+        "days held out stands first.\n\n"
         f"{COMPONENTS_HELP}\n\n"
         "  glucoloop replay record.parquet --twin twin --controller profile-mpc --out replay\n\n"
         "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller profile-mpc\n\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +14,9 @@ import polars as pl
 
 from glucoloop.bounds import OptimalDoses, distance_to_bound
 from glucoloop.bounds.optimal_doses import check_samples
+from glucoloop.build.titration import profile_of
 from glucoloop.models.settings import FileComponent
+from glucoloop.records.nightscout_profile import document_of
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import Repeat, comparison_table, interactive_page, metrics_table, plot
 from glucoloop.reporting.columns import Column, terminal_table
@@ -22,12 +25,13 @@ from glucoloop.reporting.figure_files import figure_files
 from glucoloop.simulation import Trace
 from glucoloop.situations.changes import read_change
 from glucoloop.situations.run import Run
+from glucoloop.situations.therapy_text import NUMBERS
 from glucoloop.storage import tables as stored
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.studies.closed_loop import Outcome, close_the_loop
 from glucoloop.studies.run import Comparison
-from glucoloop.therapy import TherapyChange
+from glucoloop.therapy import TARGET, TherapyChange
 from glucoloop.units import MIN_PER_DAY
 
 _FILES: Final = {
@@ -238,6 +242,7 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
         command, title = "run" if type(config) is Run else "hil", f"{name} at {config.place}"
         facts = run_facts(config, outcome.case, outcome.computed_settings)
         facts |= {"Changes of the therapy": "; ".join(config.changes)} if config.changes else {}
+        files |= _profile_file(config)
     again = _repeat(config, loops, command, {label: name for label, (name, _) in models.items()})
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
@@ -265,6 +270,23 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
         **figure_files("figure", figure),
         "figure.html": page.encode(),
     }
+
+
+def _profile_file(config: Run) -> dict[str, bytes]:
+    """Therapy by the clock of a run as a profile of Nightscout, without its overrides; empty where it is constant."""
+    changed = dataclasses.replace(config, overrides=())
+    changed = changed.with_changes(changed.changes) if changed.changes else changed
+    schedule, own = changed.schedule, profile_of(changed)
+    if not schedule.changes:
+        return {}
+    starts = schedule.starts_min()
+    segments: dict[str, list[tuple[float, float]]] = {name: [] for name in NUMBERS}
+    for start, profile in zip(starts, schedule.profiles(own, 0.0), strict=True):
+        target = schedule.value(TARGET, changed.target_mg_dl, start)
+        numbers = (profile.basal_mU_min, profile.carb_ratio(), profile.correction_factor(), target)
+        for (name, number), value in zip(NUMBERS.items(), numbers, strict=True):
+            segments[name].append((start, float(value) / number.scale))
+    return {"profile.json": json.dumps([document_of(segments)], indent=2).encode()}
 
 
 def _in_words(differences: Mapping[str, float | None]) -> str:
