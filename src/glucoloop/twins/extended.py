@@ -238,7 +238,7 @@ class ExtendedPatient:
 
     @property
     def sensitive(self) -> npt.NDArray[np.bool_]:
-        """Which parameters the patient declares as its sensitivity to insulin."""
+        """Marks of the parameters that the patient declares as its sensitivity to insulin."""
         declared = getattr(patient_entry(self.prior.patient), "insulin_sensitivity", ())
         return np.array([name in declared for name in self.prior.parameters])
 
