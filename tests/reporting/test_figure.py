@@ -111,6 +111,19 @@ def test_mmol_per_litre_stands_on_the_right(quiet):
     np.testing.assert_allclose(right.get_ylim(), np.array(above.get_ylim()) / MG_DL_PER_MMOL_L)
 
 
+def test_insulin_on_board_stands_beside_boluses(make_trace):
+    fields = {"bolus_mU": np.where(np.arange(120) == 10, 4200.0, 0.0)}
+    shot = make_trace(np.full(601, 80.0), np.full(120, 20.0), subcutaneous=True, **fields)
+    figure = plot(shot, subcutaneous=True)
+    _, _, units = figure.axes
+    (line,) = (line for line in units.lines if line.get_linestyle() == "--")
+    np.testing.assert_allclose(line.get_ydata(), shot.insulin_on_board_U)
+    assert units.get_ylim()[1] > 4.2
+    assert {"bolus", "insulin on board"} <= set(words(figure))
+    vein = plot(make_trace(np.full(601, 80.0), np.full(120, 20.0), **fields))
+    assert "insulin on board" not in words(vein)
+
+
 def test_subcutaneous_insulin_is_in_units_per_hour_with_the_target_range(quiet):
     below = plot(quiet).axes[1]
     above, u_h = plot(quiet, subcutaneous=True).axes

@@ -159,6 +159,23 @@ def test_what_was_commanded_is_drawn_where_it_differs(make_trace, drawn):
     assert set(asked.values) == {20.0}
 
 
+def test_what_is_on_board_is_drawn_of_subcutaneous_insulin(make_trace, drawn, plots):
+    fields = {"bolus_mU": np.where(np.arange(120) == 10, 4200.0, 0.0)}
+    shot = make_trace(np.full(601, 80.0), np.full(120, 20.0), subcutaneous=True, **fields)
+    page = interactive_page(shot, summarise(shot))
+    names = [panel["name"] for panel in plots(page)[0]["panels"]]
+    assert names == ["Glucose", "Insulin", "Boluses", "Insulin on board", "Carbohydrate on board"]
+    (figure,) = drawn(page)
+    curves = {curve.name: curve for curve in figure}
+    for name, column, digits in (("insulin", "insulin_on_board_U", 2), ("carbohydrate", "carbs_on_board_g", 1)):
+        curve = curves[f"{name} on board"]
+        np.testing.assert_allclose(curve.t_min, shot.t_min)
+        np.testing.assert_allclose(curve.values, getattr(shot, column), atol=0.51 * 10.0**-digits)
+    assert curves["insulin on board"].values.max() == pytest.approx(4.2, abs=0.01)
+    vein = make_trace(np.full(601, 80.0), np.full(120, 20.0), **fields)
+    assert len(plots(interactive_page(vein, summarise(vein)))[0]["panels"]) == 3
+
+
 def test_the_whole_situation_is_told(quiet, reader):
     repeat = Repeat("run --config run.toml", {"controller": "mpc", "seed": 3}, {"trace.csv": "one row per sample"})
     facts = {"Sensor": "no <noise>", "Setpoint": "80 mg/dl"}

@@ -50,6 +50,7 @@ TARGET_RANGE: Final[dict[str, Any]] = {
 }
 BASAL: Final[dict[str, Any]] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (1, 1.5)), "zorder": 1}
 FORECAST: Final[dict[str, Any]] = {"linewidth": 0.6, "alpha": 0.55, "zorder": 2.5}
+ON_BOARD: Final[dict[str, Any]] = {"linewidth": 0.8, "linestyle": (0, (3, 1.5)), "alpha": 0.8, "zorder": 2.5}
 PUMP_LIMIT: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.6, "linestyle": (0, (6, 2, 1, 2)), "zorder": 1}
 
 PANEL_SHARE: Final = 0.8

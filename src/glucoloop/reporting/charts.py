@@ -35,6 +35,8 @@ GLUCOSE: Final = PlottedQuantity("Glucose", "mg/dl", "mmol/l", other_value(1.0, 
 INSULIN: Final = PlottedQuantity("Insulin", "mU/min", "U/h", other_value(1.0, "mU/min"), 0.01, 2)
 TIME_IN_RANGE: Final = PlottedQuantity("Time in range", "%", "", 0.0, 0.1, 1)
 BOLUS: Final = PlottedQuantity("Boluses", "U", "", 0.0, 0.01, 2)
+INSULIN_ON_BOARD: Final = PlottedQuantity("Insulin on board", "U", "", 0.0, 0.01, 2)
+CARBS_ON_BOARD: Final = PlottedQuantity("Carbohydrate on board", "g", "", 0.0, 0.1, 1)
 GLUCAGON: Final = PlottedQuantity("Glucagon", "ug", "", 0.0, 0.1, 1)
 
 

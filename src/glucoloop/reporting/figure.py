@@ -61,9 +61,9 @@ def plot(
 
     Above, glucose free of noise, readings as dots where they differ from it, some of the forecasts as thin lines where
     the trace has them, the setpoint, the bound on glucose, each meal with its carbohydrate, and exercise with its
-    intensity. Below, the delivered rate as steps, boluses as stems on an axis in U, glucagon as triangles along the
-    upper edge, the basal rate, and the pump's limits where they come into view. By default they are drawn as in Parker
-    et al. (1999).
+    intensity. Below, the delivered rate as steps, boluses as stems on an axis in U, with subcutaneous insulin on board
+    beside them, glucagon as triangles along the upper edge, the basal rate, and the pump's limits where they come into
+    view. By default they are drawn as in Parker et al. (1999).
 
     Parameters
     ----------
@@ -131,8 +131,8 @@ def plot(
     _style.mark_exercise(above, exercise, horizon_min, width)
     if mmol:
         _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
-    if any(run.boluses for run in runs):
-        _draw_boluses(below, runs, divisor, entries)
+    if any(run.boluses or (run.insulin_on_board_U > 0.0).any() for run in runs):
+        _draw_units(below, runs, divisor, entries)
     if any(run.glucagon for run in runs):
         _draw_glucagon(below, runs, divisor, entries)
     _style.add_legend(figure, entries, width)
@@ -249,13 +249,16 @@ def _draw_insulin(
     axes.set_ylim(low, high)
 
 
-def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
-    """A stem for each bolus, on an axis of its own in units of insulin, with its size above where there is room."""
+def _draw_units(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
+    """Stems of boluses, with their sizes where there is room, and insulin on board, on an axis of their own in U."""
     from matplotlib.lines import Line2D
 
     right = axes.twinx()
+    on_board = any(run.insulin_on_board_U.size for run in runs)
     for index, run in enumerate(runs):
         colour = _style.line_style(index)["color"]
+        if on_board:
+            right.plot(run.t_min[:-1] / divisor, run.insulin_on_board_U, **_style.ON_BOARD, color=colour)
         t = np.array([t for t, _ in run.boluses]) / divisor
         size = np.array([size for _, size in run.boluses])
         right.vlines(t, 0.0, size, color=colour, linewidth=1.2, zorder=4)
@@ -263,13 +266,16 @@ def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entrie
         if len(runs) == 1 and t.size <= _MAX_NAMED:
             for place, units in zip(t, size, strict=True):
                 _style.write(right, f"{units:.3g} U", (place, units), down=-3)
-    largest = max(size for run in runs for _, size in run.boluses)
+    largest = max(0.0, *(units for run in runs for units in (*run.insulin_on_board_U, *(of[1] for of in run.boluses))))
     low, high = axes.get_ylim()
     # zero of both axes at one height
     right.set_ylim(1.35 * largest * low / high, 1.35 * largest)
-    right.set_ylabel("Bolus (U)")
+    right.set_ylabel("Bolus, on board (U)" if on_board else "Bolus (U)")
     _style.dress_right(right)
-    entries["bolus"] = Line2D([], [], color=GREY, linewidth=1.2, marker="o", markersize=3.5)
+    if any(run.boluses for run in runs):
+        entries["bolus"] = Line2D([], [], color=GREY, linewidth=1.2, marker="o", markersize=3.5)
+    if on_board:
+        entries["insulin on board"] = Line2D([], [], **_style.ON_BOARD, color=GREY)
 
 
 def _draw_glucagon(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:

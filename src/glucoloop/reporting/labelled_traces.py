@@ -80,6 +80,10 @@ class PlottedRun:
         self.glucagon = _above_zero(self.t_min, trace.glucagon_ug)
         self.command_glucagon = _above_zero(self.t_min, trace.command_glucagon_ug)
         self.meals = _above_zero(self.t_min, trace.carbs_g)
+        # (samples,) what is on board, with subcutaneous insulin; intravenous insulin acts within minutes
+        nothing = np.zeros(0)
+        self.insulin_on_board_U = trace.insulin_on_board_U if trace.subcutaneous else nothing
+        self.carbs_on_board_g = trace.carbs_on_board_g if trace.subcutaneous else nothing
         self.exercise = _bouts(self.t_min, trace.exercise_pct)
         self.forecasts, self.forecasts_every_min = _some_forecasts(trace)
         # periods without a valid reading, and those of each status of decisions but OK

@@ -13,7 +13,19 @@ from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, TARGET_RANGE_MG_DL, Metrics, clinical_summary
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.reporting.charts import BOLUS, GLUCAGON, GLUCOSE, INSULIN, Panel, Plot, PlottedQuantity, extent, thinned
+from glucoloop.reporting.charts import (
+    BOLUS,
+    CARBS_ON_BOARD,
+    GLUCAGON,
+    GLUCOSE,
+    INSULIN,
+    INSULIN_ON_BOARD,
+    Panel,
+    Plot,
+    PlottedQuantity,
+    extent,
+    thinned,
+)
 from glucoloop.reporting.columns import metric_rows
 from glucoloop.reporting.descriptions import fault_in_words, windows
 from glucoloop.reporting.labelled_traces import (
@@ -106,6 +118,11 @@ def interactive_page(
         panels.append(_stems_panel(runs, BOLUS, [(run.command_boluses, run.boluses) for run in runs]))
     if any(run.glucagon or run.command_glucagon for run in runs):
         panels.append(_stems_panel(runs, GLUCAGON, [(run.command_glucagon, run.glucagon) for run in runs]))
+    on_board = (
+        (INSULIN_ON_BOARD, [run.insulin_on_board_U for run in runs]),
+        (CARBS_ON_BOARD, [run.carbs_on_board_g for run in runs]),
+    )
+    panels += [_on_board_panel(runs, *of) for of in on_board if any(values.any() for values in of[1])]
     chosen = [FAULTS.choose(fault) for fault in faults]
     mark_faults(panels, chosen, end_min)
     named = dict.fromkeys(by_label, traces) if isinstance(traces, Trace) else traces
@@ -205,6 +222,15 @@ def _stems_panel(
         for stems, kind in zip(of_run, ("asked", "stems"), strict=True):
             t = np.repeat([t_min for t_min, _ in stems], 3)
             panel.line(t, np.ravel([(0.0, size, np.nan) for _, size in stems]), index, kind=kind, run=index)
+    return panel
+
+
+def _on_board_panel(runs: Sequence[PlottedRun], quantity: PlottedQuantity, amounts: Sequence[Floats]) -> Panel:
+    """Amount on board of each run at its samples."""
+    low, high = extent([0.0], *amounts)
+    panel = Panel(quantity, (1.05 * low, 1.08 * high), height=100)
+    for index, (run, values) in enumerate(zip(runs, amounts, strict=True)):
+        panel.line(run.t_min[:-1], values, index, dash=index, run=index, name=_name(runs, run, quantity.name.lower()))
     return panel
 
 
