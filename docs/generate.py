@@ -57,10 +57,10 @@ WORDS = {
 }
 GROUPS = {
     "Glucose transport": r"q_.*|v_.*|T_B|T_P",
-    "Insulin transport and clearance": r"Q_.*|V_.*|T_PI|F_.*",
+    "Insulin transport and clearance": r"Q_.*|V_(?!N).*|T_PI|F_.*",
     "Constant uptakes and basal rates": r".*_uptake|basal_.*",
     "Healthy basal state": r"ref_.*",
-    "Slow effects and glucagon": r"tau_.*|k_N",
+    "Slow effects and glucagon": r"tau_.*|[kV]_N",
     "Renal excretion above its threshold": r"excretion_.*",
 }
 
@@ -78,13 +78,11 @@ def code(text: str) -> str:
 
 def symbol(name: str) -> str:
     """LaTeX of a field of the parameter record."""
-    if name.startswith("ref_"):
-        letter, place = name.removeprefix("ref_").split("_")
-        return f"{letter}_{{{place}}}^B"
     if name in WORDS:
         return WORDS[name]
-    letter, _, place = name.partition("_")
-    return f"{letter}_{{{place}}}"
+    letter, _, place = name.removeprefix("ref_").partition("_")
+    subscript = f"_{{{place}}}" if place else ""
+    return f"{letter}{subscript}^B" if name.startswith("ref_") else f"{letter}{subscript}"
 
 
 def constants() -> str:

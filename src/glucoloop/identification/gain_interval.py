@@ -48,6 +48,10 @@ _NOISES: Final = (
 )
 """Coefficients of autoregressive moving averages of the first order: white noise, beside what decays by `ar` a sample.
 """
+_SLOWER: Final = 0.25
+"""Power of the slowest time constant to which a shape is likely before the record: 0 would be uniform over logarithms,
+by which a slow end of the response is missed too often, and 1 uniform over times.
+"""
 _BEND: Final = 0.25
 """Standard deviation of the prior of the square, in parts of the response, where the response is largest; the gain then
 changes by twice that."""
@@ -88,7 +92,9 @@ def gain_interval(
     if readings_mg_dl.size <= unknown.shape[1] + 1:
         return nothing_known
     priors, slowest_min = _priors(taus_min)
+    likely = np.tile(np.repeat(_SLOWER * np.log(slowest_min), deviations.size), len(_NOISES))
     shares, _, logs = _posteriors(readings_mg_dl, unknown, responses, priors, deviations, taus_min.size)
+    logs += likely
     weights = np.exp(logs - logs.max())
     shown_min = _SLOWEST * readings_mg_dl.size * sample_time_min
     too_slow = np.tile(np.repeat(slowest_min > shown_min, deviations.size), len(_NOISES))
@@ -98,6 +104,7 @@ def gain_interval(
     bend = _squared(responses @ shares[likeliest]) / deviations[likeliest % deviations.size]
     responses, priors = np.column_stack([responses, bend]), _with_one_more(priors)
     shares, errors, logs = _posteriors(readings_mg_dl, unknown, responses, priors, deviations, taus_min.size)
+    logs += likely
     means, weights = shares[:, : taus_min.size].sum(axis=1), np.exp(logs - logs.max())
     counted = weights > _NEGLIGIBLE * weights.sum()
     means, errors, weights = means[counted], errors[counted], weights[counted] / weights[counted].sum()
