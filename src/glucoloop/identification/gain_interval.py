@@ -94,13 +94,12 @@ def gain_interval(
     priors, slowest_min = _priors(taus_min)
     likely = np.tile(np.repeat(_SLOWER * np.log(slowest_min), deviations.size), len(_NOISES))
     shares, _, logs = _posteriors(readings_mg_dl, unknown, responses, priors, deviations, taus_min.size)
-    logs += likely
     weights = np.exp(logs - logs.max())
     shown_min = _SLOWEST * readings_mg_dl.size * sample_time_min
     too_slow = np.tile(np.repeat(slowest_min > shown_min, deviations.size), len(_NOISES))
     if weights[too_slow].sum() > 0.5 * weights.sum():
         return nothing_known
-    likeliest = int(np.argmax(logs))
+    likeliest = int(np.argmax(logs + likely))
     bend = _squared(responses @ shares[likeliest]) / deviations[likeliest % deviations.size]
     responses, priors = np.column_stack([responses, bend]), _with_one_more(priors)
     shares, errors, logs = _posteriors(readings_mg_dl, unknown, responses, priors, deviations, taus_min.size)
