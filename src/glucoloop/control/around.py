@@ -1,9 +1,9 @@
-"""Base of the components that stand around a controller: they pass on what it declares, and the profile of a person."""
+"""Controllers around another one: they pass on what it declares, and components of them the profile of a person."""
 
 from __future__ import annotations
 
 from dataclasses import KW_ONLY
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from glucoloop.component.effects import Need
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, PytreeComponent, wired
@@ -18,13 +18,14 @@ from glucoloop.control.protocol import (
 from glucoloop.therapy import Profile, given_profile
 
 
-class ControllerAround(PytreeComponent):
-    """A controller around another one, its ``inner``."""
+class AroundAnother:
+    """Declarations that a controller around another one, its ``inner``, passes on."""
 
-    _: KW_ONLY
-    inner: Controller = wired(DATA, default=None)
-    profile: Profile | None = wired(HOST, default=None)
-    sample_time_min: float = wired(STATIC, default=5.0)
+    if TYPE_CHECKING:
+
+        @property
+        def inner(self) -> Controller:
+            """The other controller."""
 
     @property
     def gives_boluses(self) -> bool:
@@ -35,11 +36,6 @@ class ControllerAround(PytreeComponent):
     def gives_glucagon(self) -> bool:
         """Whether the inner controller gives glucagon."""
         return gives_glucagon(self.inner)
-
-    @property
-    def used(self) -> frozenset[Need]:
-        """Needs that the inner controller meets, and this one."""
-        return uses_of(self.inner) | self.uses()
 
     @property
     def draws(self) -> bool:
@@ -54,6 +50,20 @@ class ControllerAround(PytreeComponent):
     def settled(self) -> dict[str, Any]:
         """Settings of the inner controller that were settled when it was designed."""
         return dict(computed_settings(self.inner))
+
+
+class ControllerAround(AroundAnother, PytreeComponent):
+    """A controller around another one, its ``inner``."""
+
+    _: KW_ONLY
+    inner: Controller = wired(DATA, default=None)
+    profile: Profile | None = wired(HOST, default=None)
+    sample_time_min: float = wired(STATIC, default=5.0)
+
+    @property
+    def used(self) -> frozenset[Need]:
+        """Needs that the inner controller meets, and this one."""
+        return uses_of(self.inner) | self.uses()
 
     def with_profile(self, profile: Profile) -> Self:
         """The same of a person with the given profile, which the inner controller gets too if it takes it."""

@@ -11,6 +11,7 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import PROFILE, READINGS, Need
+from glucoloop.control.around import AroundAnother
 from glucoloop.control.decision import eaten_in_min, is_known, with_rescue
 from glucoloop.control.design_case import check_rate
 from glucoloop.control.guard_doses import (
@@ -48,11 +49,7 @@ from glucoloop.control.protocol import (
     DoseForecast,
     Observation,
     Status,
-    computed_settings,
-    draws,
     forecast_of,
-    gives_boluses,
-    gives_glucagon,
     uses_of,
 )
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -115,7 +112,7 @@ class _Accepted(NamedTuple):
 
 
 @pytree
-class Guard:
+class Guard(AroundAnother):
     """A guarded controller; see `guarded`."""
 
     inner: Controller
@@ -136,28 +133,9 @@ class Guard:
         return self.inner.sample_time_min
 
     @property
-    def gives_boluses(self) -> bool:
-        """Whether the inner controller decides on boluses."""
-        return gives_boluses(self.inner)
-
-    @property
-    def gives_glucagon(self) -> bool:
-        """Whether the inner controller decides on glucagon."""
-        return gives_glucagon(self.inner)
-
-    @property
     def uses(self) -> frozenset[Need]:
         """Needs that the inner controller meets, and the guard itself."""
         return uses_of(self.inner) | {READINGS, PROFILE}
-
-    @property
-    def draws(self) -> bool:
-        """Whether the inner controller draws random numbers."""
-        return draws(self.inner)
-
-    def settled(self) -> dict[str, Any]:
-        """Settings of the inner controller that were settled when it was designed."""
-        return dict(computed_settings(self.inner))
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Guard:
         """The same guard for a person with the given basal rate, which the inner controller gets too if it takes it."""

@@ -9,6 +9,7 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import Need
+from glucoloop.control.around import AroundAnother
 from glucoloop.control.decision import eaten_in_min, is_known
 from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import (
@@ -17,11 +18,7 @@ from glucoloop.control.protocol import (
     DoseForecast,
     Observation,
     Status,
-    computed_settings,
-    draws,
     forecast_of,
-    gives_boluses,
-    gives_glucagon,
     uses_of,
 )
 from glucoloop.refusal import Refusal
@@ -54,7 +51,7 @@ class _PacedState:
 
 
 @pytree
-class Paced:
+class Paced(AroundAnother):
     """A controller that acts every few samples of its loop; see `paced`."""
 
     inner: Controller
@@ -63,29 +60,9 @@ class Paced:
     sample_time_min: float = static()
 
     @property
-    def gives_boluses(self) -> bool:
-        """Whether the inner controller decides on boluses."""
-        return gives_boluses(self.inner)
-
-    @property
-    def gives_glucagon(self) -> bool:
-        """Whether the inner controller decides on glucagon."""
-        return gives_glucagon(self.inner)
-
-    @property
     def uses(self) -> frozenset[Need]:
         """Needs that the inner controller meets."""
         return uses_of(self.inner)
-
-    @property
-    def draws(self) -> bool:
-        """Whether the inner controller draws random numbers."""
-        return draws(self.inner)
-
-    @property
-    def needs_time_of_day(self) -> bool:
-        """Whether the inner controller goes by the time of day."""
-        return bool(getattr(self.inner, "needs_time_of_day", False))
 
     @property
     def horizons(self) -> tuple[int, int]:
@@ -96,10 +73,6 @@ class Paced:
     def padded(self, moves: int, horizon: int) -> Paced:
         """The same with a longer plan of the inner controller, as `LinearMPC.padded` has it."""
         return dataclasses.replace(self, inner=self.inner.padded(moves, horizon))  # type: ignore[attr-defined]
-
-    def settled(self) -> dict[str, Any]:
-        """Settings of the inner controller that were settled when it was designed."""
-        return dict(computed_settings(self.inner))
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Paced:
         """The same for a person with the given basal rate, which the inner controller gets if it takes it."""

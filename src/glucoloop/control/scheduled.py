@@ -15,16 +15,13 @@ from typing import Any, TypeVar
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.component.effects import TIME_OF_DAY, Need
+from glucoloop.control.around import AroundAnother
 from glucoloop.control.protocol import (
     Controller,
     Decision,
     DoseForecast,
     Observation,
-    computed_settings,
-    draws,
     forecast_of,
-    gives_boluses,
-    gives_glucagon,
     uses_of,
 )
 from glucoloop.therapy import TARGET, Profile, Schedule, given_profile
@@ -33,7 +30,7 @@ T = TypeVar("T")
 
 
 @pytree
-class Scheduled:
+class Scheduled(AroundAnother):
     """A controller by the clock; see `scheduled`."""
 
     inner: Controller
@@ -50,33 +47,14 @@ class Scheduled:
         return self.inner.sample_time_min
 
     @property
-    def gives_boluses(self) -> bool:
-        """Whether the inner controller decides on boluses."""
-        return gives_boluses(self.inner)
-
-    @property
-    def gives_glucagon(self) -> bool:
-        """Whether the inner controller decides on glucagon."""
-        return gives_glucagon(self.inner)
-
-    @property
     def uses(self) -> frozenset[Need]:
         """Needs that the inner controller meets, and the time of day where the schedule depends on it."""
         return uses_of(self.inner) | ({TIME_OF_DAY} if self.schedule.by_clock else frozenset())
 
     @property
-    def draws(self) -> bool:
-        """Whether the inner controller draws random numbers."""
-        return draws(self.inner)
-
-    @property
     def needs_time_of_day(self) -> bool:
         """Whether the schedule or the inner controller goes by the time of day."""
-        return self.schedule.by_clock or bool(getattr(self.inner, "needs_time_of_day", False))
-
-    def settled(self) -> dict[str, Any]:
-        """Settings of the controller of the first segment that were settled when it was designed."""
-        return dict(computed_settings(self.inner))
+        return self.schedule.by_clock or super().needs_time_of_day
 
     def with_profile(self, profile: Profile) -> Scheduled:
         """The same for a person, or people, with another profile, which the schedule changes likewise."""
