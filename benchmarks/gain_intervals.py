@@ -109,7 +109,9 @@ def cases() -> Iterator[tuple[str, float, float, Callable[[int], Record], bool]]
             ("white input of 50 %", white, 0.5 * basal, noise),
             ("steps of 10 %", steps, 0.1 * basal, noise),
             ("steps of 20 %", steps, 0.2 * basal, noise),
+            ("steps of 50 %, white noise", steps, 0.5 * basal, noise),
             ("pulses", pulses, min(22.33, basal), noise),
+            ("steps of 20 %, Dexcom G6", steps, 0.2 * basal, cgm.DexcomG6()),
             ("steps of 50 %, Dexcom G6", steps, 0.5 * basal, cgm.DexcomG6()),
             ("pulses, Dexcom G6", pulses, min(22.33, basal), cgm.DexcomG6()),
         )
