@@ -110,13 +110,22 @@ def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
     if is_changed():
         return function(*arguments, **named)
 
+    computed = list[T]()
+
     def made() -> bytes:
         global _left
+        computed.append(function(*arguments, **named))
+        data = pickle.dumps(computed[0])
         _left -= 1
-        return pickle.dumps(function(*arguments, **named))
+        return data
 
     made_from = (repr((key, sorted(identity().items()))), source(), *(part for number in numbers for part in number))
-    data = kept(made_from, made)
+    try:
+        data = kept(made_from, made)
+    except NoNameError:  # a result that another process would not understand
+        if computed:
+            return computed[0]
+        raise
     try:
         result: T = pickle.loads(data)
     except Exception:  # not what this program writes; a slower start is no reason to stop
@@ -131,17 +140,19 @@ class NoNameError(Exception):
 def structure_key(structure: Any) -> Any:
     """Classes and static fields of a tree, in words that another process finds again."""
     node = structure.node_data()
-    return (
-        None
-        if node is None
-        else (name_of(node[0]), static_key(node[1]), [structure_key(child) for child in structure.children()])
-    )
+    if node is None:
+        return None
+    kind, fields = node
+    static = [static_key(part) for part in fields] if type(fields) in (tuple, list) else static_key(fields)
+    return name_of(kind), static, [structure_key(child) for child in structure.children()]
 
 
 def static_key(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     if type(value) in (tuple, list):
+        if any(isinstance(part, str) for part in value):
+            raise NoNameError  # they may name what a user adds
         return [static_key(part) for part in value]
     return name_of(value)
 
@@ -163,6 +174,8 @@ def _number_key(leaf: Any) -> tuple[str, bytes]:
 
     if isinstance(leaf, str):
         return "str", leaf.encode()
+    if isinstance(leaf, jax.ShapeDtypeStruct):
+        return repr(("shape", leaf.shape, str(leaf.dtype), leaf.weak_type)), b""
     if not isinstance(leaf, (bool, int, float, np.ndarray, np.generic, jax.Array)) or isinstance(leaf, jax.core.Tracer):
         raise NoNameError
     data: Any = leaf

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -17,9 +19,16 @@ from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors
 from glucoloop.native.targets.products import STRICT
 from glucoloop.native.words import lower_drawing
 
-Draws = Callable[[npt.NDArray[np.uint32], npt.NDArray[Any], int], npt.NDArray[np.float64]]
-"""Function of the words of keys ``(people, 2)``, the first sample of each person ``(people,)`` and the number of
-samples, that gives the numbers drawn, ``(samples, numbers, people)``."""
+
+class Draws(Protocol):
+    """Function that draws the numbers of people."""
+
+    def __call__(self, words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
+        """Numbers ``(samples, numbers, people)`` by the words of keys ``(people, 2)``.
+
+        `first` is the first sample of each person, ``(people,)``.
+        """
+
 
 one_at_a_time = threading.RLock()
 """Lock held while JAX computes: on the CPU two of its programs in two threads can deadlock."""
@@ -36,32 +45,36 @@ def draws(drawing: Drawing, key: Any, products: str) -> Draws | None:
     try:
         lowered = lower_drawing(drawing, key, jnp.zeros((), int), as_written=products == STRICT)
     except UnsupportedError:
-        return _by_jax(drawing)
-    return _by_kernel(compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered)))
+        return _ByJax(drawing)
+    return _ByKernel(compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered)))
 
 
-def _by_kernel(kernel: Kernel) -> Draws:
-    def draw(words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
-        people, columns = first.size, kernel.padded(first.size)
+@dataclass(frozen=True)
+class _ByKernel:
+    kernel: Kernel
+
+    def __call__(self, words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
+        kernel, people, columns = self.kernel, first.size, self.kernel.padded(first.size)
         person, index = np.zeros((kernel.sizes["person"], columns)), np.zeros((1, columns))
         person[:, :people], index[:, :people] = words.T, first
         drawn = np.empty((samples, kernel.sizes["outputs"], columns))
         kernel.run(person, index, np.zeros((samples, 0, columns)), np.zeros((samples, 0)), drawn)
         return drawn[..., :people]
 
-    return draw
 
+@dataclass(frozen=True)
+class _ByJax:
+    drawing: Drawing
 
-def _by_jax(drawing: Drawing) -> Draws:
-    def of_one(words: Any, index: Any) -> list[jax.Array]:
-        return drawing(jax.random.wrap_key_data(words), index)
-
-    of_samples = jax.jit(jax.vmap(jax.vmap(of_one, out_axes=-1), in_axes=(None, 0)))
-
-    def draw(words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
+    def __call__(self, words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
         with one_at_a_time:
-            drawn = of_samples(words, np.arange(samples)[:, None] + first)
+            drawn = self._of_samples(words, np.arange(samples)[:, None] + first)
             parts = [np.asarray(part, np.float64).reshape(samples, -1, first.size) for part in drawn]
         return np.concatenate(parts, axis=1)
 
-    return draw
+    @functools.cached_property
+    def _of_samples(self) -> Callable[..., list[jax.Array]]:
+        def of_one(words: Any, index: Any) -> list[jax.Array]:
+            return self.drawing(jax.random.wrap_key_data(words), index)
+
+        return jax.jit(jax.vmap(jax.vmap(of_one, out_axes=-1), in_axes=(None, 0)))

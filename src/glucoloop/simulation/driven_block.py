@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._disk_cache import kept_result
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
 from glucoloop.native.targets.products import FUSED, STRICT
@@ -61,6 +62,10 @@ def _driven_norm(single: SemilinearPatient, z: jax.Array) -> jax.Array:
 
 @functools.lru_cache(maxsize=4)
 def _kernels(states: int, products: str) -> tuple[Kernel, Kernel]:
+    return kept_result(_compiled, states, products)
+
+
+def _compiled(states: int, products: str) -> tuple[Kernel, Kernel]:
     """One term of the series, and one doubling, of matrices without their last row, which is known."""
     rows, number = np.zeros((states, states + 1)), np.zeros(())
 

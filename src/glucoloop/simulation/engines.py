@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._disk_cache import kept_result
 from glucoloop.native.lower import Shapes, lower
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors_at_once
@@ -134,12 +135,8 @@ class NativeEngine:
 
     def __init__(self, step: Step, example: tuple[Any, ...], precision: str, products: str = FUSED) -> None:
         self.precision = precision
-        person, carry, reaching, shared, key = example
-        rng = key, jnp.zeros((), int)
-        lowered = lower(step, person, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
-        self._kernel = compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered))
-        self._draw = draws(lowered.drawing, key, products)
-        self._shapes = lowered.shapes
+        shapes = jax.eval_shape(lambda *parts: parts, *example)
+        self._kernel, self._draw, self._shapes = kept_result(_native_code, step, shapes, precision, products)
 
     def run(
         self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, first: int = 0, threads: int = 1
@@ -164,6 +161,17 @@ class NativeEngine:
     def lanes(self, number: int) -> Lanes:
         """Places for people in the arrays of the kernel; see `Engine.lanes`."""
         return _NativeLanes(self._kernel, self._shapes, self._draw, number)
+
+
+def _native_code(
+    step: Step, example: tuple[Any, ...], precision: str, products: str
+) -> tuple[Kernel, Draws | None, Shapes]:
+    """Code of a sample, what draws its random numbers, and the trees that it takes and returns."""
+    person, carry, reaching, shared, key = example
+    rng = key, jnp.zeros((), int)
+    lowered = lower(step, person, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
+    kernel = compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered))
+    return kernel, draws(lowered.drawing, key, products), lowered.shapes
 
 
 class _NativeLanes:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -24,7 +23,7 @@ from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
+from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.simulation.plant import NO_MINUTE_INPUTS, Exogenous, MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import Content, compiled_by_class
 
@@ -205,17 +204,8 @@ class ExplicitPeople:
         per_point = max(Explicit().steps_per_point(varied, grid), math.ceil((substeps or 0) / points))
         self.single = plant_with(nominal, per_point, grid)
         self.step_min, self.substeps = self.single.step_min, per_point * points
-        self._varies = [*varying(varied, nominal), False]
+        self.varies = [*varying(varied, nominal), False]
 
-    def values_of(self, patient: Patient) -> list[jax.Array]:
-        """Values that differ between people, as a list of arrays with people trailing."""
-        return chosen(ExplicitPlant(**{**vars(self.single), "patient": patient}), self._varies)
-
-    def values_of_nominal(self) -> list[jax.Array]:
-        """Values of the nominal patient in the same form, as an example of one person."""
-        return chosen(self.single, self._varies)
-
-    def of(self, values: Sequence[jax.Array]) -> ExplicitPlant:
-        """Plant of one person."""
-        plant: ExplicitPlant = replaced(self.single, self._varies, values)
-        return plant
+    def of(self, patient: Patient) -> ExplicitPlant:
+        """Plants of people."""
+        return ExplicitPlant(**{**vars(self.single), "patient": patient})

@@ -27,7 +27,7 @@ from glucoloop.simulation.exponential import (
     substeps_of,
     working_state,
 )
-from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
+from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.simulation.user_objects import compiled_by_class, refuse_two_patients
 
@@ -65,7 +65,7 @@ class PeoplePlant:
         self._driven_varies = _depends(lambda p: p.driven_derivative(z, jnp.zeros(())), nominal, patient_varies)
         self._doublings = driven_block.doublings_for(nominal, self.step_min)
         self.single = ExponentialPlant(patient=nominal, matrices=matrices)
-        self._varies = [*patient_varies, *self._matrices_vary()]
+        self.varies = [*patient_varies, *self._matrices_vary()]
 
     def _matrices_vary(self) -> list[bool]:
         varies: list[bool] = []
@@ -74,8 +74,8 @@ class PeoplePlant:
             varies += [self._driven_varies and field.name.startswith("driven")] * numbers
         return varies
 
-    def values_of(self, patient: SemilinearPatient) -> list[jax.Array]:
-        """Values that differ between people, as a list of arrays with people trailing."""
+    def of(self, patient: SemilinearPatient) -> ExponentialPlant:
+        """Plants of people, numbers trailing."""
         matrices = self.single.matrices
         if self._driven_varies:
             end, gauss = driven_block.driven_matrices(
@@ -86,16 +86,7 @@ class PeoplePlant:
                 products=self._products,
             )
             matrices = dataclasses.replace(matrices, driven_end=jnp.asarray(end), driven_gauss=jnp.asarray(gauss))
-        return chosen(ExponentialPlant(patient=patient, matrices=matrices), self._varies)
-
-    def values_of_nominal(self) -> list[jax.Array]:
-        """Values of the nominal patient in the same form, as an example of one person."""
-        return chosen(self.single, self._varies)
-
-    def of(self, values: Sequence[jax.Array]) -> ExponentialPlant:
-        """Plant of one person."""
-        plant: ExponentialPlant = replaced(self.single, self._varies, values)
-        return plant
+        return ExponentialPlant(patient=patient, matrices=matrices)
 
 
 @compiled_by_class

@@ -24,10 +24,10 @@ from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
-from glucoloop.simulation.cohort import Accumulator
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
+from glucoloop.simulation.person_loop import Accumulator
 from glucoloop.trials.blocks import block_size, in_blocks
 from glucoloop.trials.people import PeopleRows
 from glucoloop.trials.quantiles import bin_numbers, glucose_edges, insulin_edges
