@@ -1,12 +1,15 @@
-"""Frozen dataclasses that JAX can trace, for all records of glucoloop. Declaring one does not import JAX."""
+"""Frozen dataclasses that JAX can trace, for all records of glucoloop, and their leaves that differ between people.
+
+Declaring a record does not import JAX.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar, dataclass_transform
 
-from glucoloop._lazy_jax import jax, once_imported
+from glucoloop._lazy_jax import jax, jnp, once_imported
 
 T = TypeVar("T")
 
@@ -58,3 +61,21 @@ def register(
     # Not register_dataclass: jaxlib (0.10) takes the structures of two such classes for equal whatever the classes,
     # so that, where hashes collide, a function compiled for one runs for the other.
     once_imported(lambda: jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten))
+
+
+def varying(many: Any, one: Any) -> list[bool]:
+    """Whether each leaf has one number per person."""
+    leaves = zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True)
+    return [jnp.ndim(a) > jnp.ndim(b) for a, b in leaves]
+
+
+def chosen(tree: Any, varies: Sequence[bool]) -> list[jax.Array]:
+    """Leaves that vary between people."""
+    return [jnp.asarray(leaf) for leaf, differs in zip(jax.tree.leaves(tree), varies, strict=True) if differs]
+
+
+def replaced(tree: Any, varies: Sequence[bool], values: Sequence[Any]) -> Any:
+    """A tree with other leaves where they vary."""
+    leaves, structure = jax.tree.flatten(tree)
+    new = iter(values)
+    return jax.tree.unflatten(structure, [next(new) if v else leaf for leaf, v in zip(leaves, varies, strict=True)])

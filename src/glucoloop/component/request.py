@@ -9,15 +9,13 @@ from __future__ import annotations
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from glucoloop.arguments import is_traced
+from glucoloop.component.base import Component
 from glucoloop.component.grammar import NAME, NONE, Leaf, Tree, component_text, place, plain
 from glucoloop.component.setting import Default, Setting, WithUnit
 from glucoloop.refusal import Refusal
-
-if TYPE_CHECKING:
-    from glucoloop.component.base import Component
 
 P = TypeVar("P", bound="Component")
 
@@ -195,3 +193,17 @@ def _components(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
 def with_article(noun: str) -> str:
     """A noun after its indefinite article."""
     return f"{'an' if noun[:1] in 'aeio' else 'a'} {noun}"
+
+
+def read_root(root: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = False) -> Request[P]:
+    """A request with bounds and types checked; implausible values are refused unless they were allowed."""
+    prepared = getattr(root, "prepared", dict)(tree)
+    return read(root, prepared, allow_unusual=allow_unusual or plain(tree.get("allow_unusual")) is True, source="")
+
+
+def configuration_from(root: type[P], tree: Mapping[str, Any]) -> P:
+    """A configuration from a tree of given values; what is at odds, or implausible together, is refused."""
+    whole = completed(read_root(root, tree))
+    if hasattr(whole, "refuse_unusual") and not getattr(whole, "allow_unusual", False):
+        whole.refuse_unusual()
+    return whole

@@ -31,9 +31,9 @@ from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.situations.case import Case
-from glucoloop.situations.changes import read_change
 from glucoloop.situations.population import person_of
 from glucoloop.situations.situation import Situation
+from glucoloop.situations.therapy_text import read_change
 from glucoloop.storage.results import Results
 from glucoloop.studies.replay import ReplayRequest, twin_values
 from glucoloop.studies.replay.changed_doses import CalculatorNumbers, changed_doses

@@ -17,10 +17,9 @@ from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SensorComponent, WhiteNoise
-from glucoloop.situations.case import Case, cases_of
+from glucoloop.situations.case import RANGES as RANGES_KEY
+from glucoloop.situations.case import Case, cases_of, ranges_parted, with_ranges
 from glucoloop.situations.option import Option
-from glucoloop.situations.ranges import RANGES as RANGES_KEY
-from glucoloop.situations.ranges import ranges_parted, with_ranges
 from glucoloop.studies.guarded import PAPER_MEAL
 from glucoloop.studies.study import SearchStudy
 from glucoloop.trials.trial import Trial
