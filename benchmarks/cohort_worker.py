@@ -30,7 +30,7 @@ from glucoloop.simulation import Adaptive, cohort, people_plant
 from glucoloop.simulation.cohort import People
 from glucoloop.situations.situation import configured
 from glucoloop.trials import engine
-from glucoloop.trials.blocks import block_size
+from glucoloop.trials.people import block_size
 from glucoloop.trials.trial import Trial
 
 NOISE = ["white-noise, variance=1.45"]

@@ -33,7 +33,7 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.situation import configured
 from glucoloop.therapy import Profile, given_profile
 from glucoloop.threefry import uniforms
-from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.people import block_size, in_blocks
 from glucoloop.trials.trial import Trial
 from glucoloop.tuning.search import move_slots
 from meal_aware.measures import Floats, Runs, numbers_at_samples

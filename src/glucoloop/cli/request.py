@@ -262,7 +262,7 @@ def notes_without_effect(config: Component) -> tuple[str, ...]:
 
 
 def _note_changes(request: CommandRequest, now: Mapping[str, Any]) -> None:
-    from glucoloop.storage.origin import differences
+    from glucoloop.storage.resumable import differences
 
     then = {key: value for key, value in (request.used or {}).items() if key in now}
     changes = "; ".join(

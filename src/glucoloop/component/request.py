@@ -2,6 +2,9 @@
 
 A text, a table of a file or Python gives a `Request`, whose values are checked one by one. `completed` makes the
 component with a value for every setting, once and whole; it knows its request, from which files are written.
+
+A file or the command line is read in two steps: types and bounds at once, without a numerical library, so that a
+refusal comes at once; the second step completes the request by defaults, which imports the patient.
 """
 
 from __future__ import annotations
@@ -9,13 +12,15 @@ from __future__ import annotations
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from glucoloop.arguments import is_traced
-from glucoloop.component.base import Component
 from glucoloop.component.grammar import NAME, NONE, Leaf, Tree, component_text, place, plain
 from glucoloop.component.setting import Default, Setting, WithUnit
 from glucoloop.refusal import Refusal
+
+if TYPE_CHECKING:
+    from glucoloop.component.base import Component
 
 P = TypeVar("P", bound="Component")
 

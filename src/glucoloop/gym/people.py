@@ -27,8 +27,8 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.vector_stepper import Begun, ExternalDoses, SteppedPeople
 from glucoloop.situations.situation import configured
-from glucoloop.trials.blocks import block_size
 from glucoloop.trials.engine import brought, loop_of, people_of
+from glucoloop.trials.people import block_size
 from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 

@@ -1,4 +1,4 @@
-"""Engines that run a loop over samples for many people: native code, or JAX mapped over people.
+"""Engines that run a loop over samples for many people, and draw for it: native code, or JAX mapped over them.
 
 Both take the same function of one person and one sample,
 ``carry, outputs = step(person, carry, reaching, shared, rng)``:

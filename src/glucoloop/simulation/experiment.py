@@ -1,4 +1,7 @@
-"""Experiments on a virtual patient without a controller: excitation, and identification from the response."""
+"""Experiments on a virtual patient without a controller: excitation, and identification from the response.
+
+They are of one person, or the pulse experiment of the paper on many people at once.
+"""
 
 from __future__ import annotations
 

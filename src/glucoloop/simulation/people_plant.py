@@ -2,6 +2,18 @@
 
 The exponentials of the slow block are those of the nominal patient without its slow couplings, and so the same for all;
 what differs in a person enters with the nonlinear part, at the same order. Insulin has matrices of the person's own.
+
+For the driven block (insulin), with ``X = h A`` they are ``e^X`` and the moments ``m_n = integral of s^n e^(X s) ds
+over 0 <= s <= 1``, n = 0, 1, 2, of the path within a step, from which its projection on quadratics follows. Both are
+summed by Taylor's series for a step so short that it converges in a few terms, and then doubled: with ``E = e^X`` those
+of 2 X are ``E E`` and
+
+    m_0' = (m_0 + E m_0) / 2,    m_1' = (m_1 + E (m_0 + m_1)) / 4,    m_2' = (m_2 + E (m_0 + 2 m_1 + m_2)) / 8.
+
+References
+----------
+C. Moler, C. Van Loan, "Nineteen dubious ways to compute the exponential of a matrix, twenty-five years later",
+SIAM Review 45(1), 2003 (scaling and squaring).
 """
 
 from __future__ import annotations

@@ -6,13 +6,12 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from glucoloop.component.number_text import NUMBER, UNITS_OF_TIME
 from glucoloop.limits import LARGEST_MEAL_G
 from glucoloop.meals import Meal
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import CONFIRM_OPTION, MEAL, refuse_unusual
-from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
+from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY, NUMBER, UNITS_OF_TIME
 
 _UNIT: Final = "|".join(UNITS_OF_TIME)
 _MEAL: Final = re.compile(

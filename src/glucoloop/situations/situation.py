@@ -26,7 +26,6 @@ from glucoloop.component.effects import (
     Need,
 )
 from glucoloop.component.grammar import as_tree
-from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.component.request import by_default, completed, read_root, request_of
 from glucoloop.control.glucagon import GlucagonComponent
 from glucoloop.faults import START, FaultComponent
@@ -66,6 +65,7 @@ from glucoloop.unit_guess import (
     SETPOINT,
     refuse_unusual,
 )
+from glucoloop.units import parse_time_of_day
 
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel, RescueCarbs

@@ -28,9 +28,8 @@ from glucoloop.simulation import Trace
 from glucoloop.simulation.cohort import Accumulator
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
-from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.people import PeopleRows
-from glucoloop.trials.quantiles import bin_numbers, glucose_edges, insulin_edges
+from glucoloop.trials.people import PeopleRows, block_size, in_blocks
+from glucoloop.trials.statistics import bin_numbers, glucose_edges, insulin_edges
 from glucoloop.trials.trial import MIN_BLOCK, Trial, fingerprint, profile_columns
 
 Array = npt.NDArray[Any]

@@ -27,8 +27,8 @@ from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.therapy import Profile, given_profile
-from glucoloop.trials.blocks import block_size
 from glucoloop.trials.engine import fold_of, loop_of
+from glucoloop.trials.people import block_size
 from glucoloop.trials.trial import Trial
 
 Array = npt.NDArray[Any]
