@@ -1,4 +1,4 @@
-"""What several apps log of one person counts once: readings of one sensor, doses and meals.
+"""Readings, doses and meals that several apps log of one person, each of which counts once.
 
 A stream is what one device or app sends. Two streams are of one sensor where they say the same glucose, shifted by up
 to some minutes, whatever the names of the devices are; sensors that disagree are told apart. While one stream reads,
