@@ -51,7 +51,6 @@ DOORS = {
     "storage/results.py": "JSON that was just made",
     "storage/tables.py": "CSV of the text of a door",
     "storage/resumable.py": "compared with what is expected, byte by byte",
-    "records/workbook.py": "parts of an archive from a door, of a bounded size",
     "records/user_files.py": "parts of an archive from a door, of a bounded size",
     "records/web_request.py": "answers of a site, of a bounded size and time",
     "_disk_cache.py": "a private folder, with a digest for each entry",

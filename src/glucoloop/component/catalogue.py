@@ -38,7 +38,7 @@ HOMES: Final = {
     "metric": "glucoloop.metrics.catalogue:METRICS",
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
-    "reader": "glucoloop.records.readers:READERS",
+    "reader": "glucoloop.records.reader:READERS",
     "forecast method": "glucoloop.forecasts.catalogue:METHODS",
 }
 """Catalogue of each kind, as ``module:attribute``."""

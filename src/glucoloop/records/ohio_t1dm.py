@@ -12,8 +12,15 @@ from typing import Any, Final
 import polars as pl
 
 from glucoloop.records.answers import DAY_FIRST, Answers
-from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.extract import Extract, cells, extract_frame, notes_on_spread, with_basal
+from glucoloop.records.extract import (
+    BasalEvent,
+    Extract,
+    basal_rates,
+    cells,
+    extract_frame,
+    notes_on_spread,
+    with_basal,
+)
 from glucoloop.records.file_text import FileText, xml_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
