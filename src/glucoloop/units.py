@@ -1,7 +1,8 @@
 """Units: the conversion constants of the project, the units in use, and numbers as a person writes them.
 
 Everything is computed in mg/dl, mU/min, min, g and U, and names that cross a boundary end in their unit. Multiply by a
-constant to convert, divide to convert back. Functions take numbers and arrays alike, of NumPy and JAX too.
+constant to convert, divide to convert back. Functions take numbers and arrays alike, of NumPy and JAX too. The largest
+numbers that several layers share stand here too.
 """
 
 from __future__ import annotations
@@ -141,3 +142,15 @@ def parse_time_of_day(text: str) -> float:
     if not minutes < MIN_PER_DAY:
         raise Refusal(f"{text!r} is no time of day; write it like 07:30, from 00:00 to 23:59")
     return minutes
+
+
+LARGEST_COUNTER: Final = 2**32 - 1
+"""Largest seed of people, number of a person, or index."""
+LARGEST_SEED: Final = 2**32 - 1
+"""Largest seed of a sensor."""
+MAX_PEOPLE: Final = 1_000_000_000
+MAX_DAYS: Final = 366
+LONGEST_RUN_MIN: Final = 366 * 1440.0
+LARGEST_MEAL_G: Final = 1000.0
+LONGEST_AHEAD_MIN: Final = 180.0
+"""Longest time before eating at which a meal may be announced."""

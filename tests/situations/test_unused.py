@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.cli.option import options_of
+from glucoloop.cli.command import options_of
 from glucoloop.cli.request import notes_without_effect
 from glucoloop.component.effects import OF_CONTROLLERS, NoEffectWarning
 from glucoloop.control import guarded

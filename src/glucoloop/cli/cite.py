@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from glucoloop.cli.command import Command
-from glucoloop.cli.option import ALLOW_CODE, CommandOption, Given
+from glucoloop.cli.command import ALLOW_CODE, Command, CommandOption, Given
 from glucoloop.cli.screen import note, print_text, print_value
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import catalogues

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from glucoloop.meals.linear import LinearAbsorption, added_by_jump
 from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.sparse import Sparse
 
 Array = npt.NDArray[Any]

@@ -19,13 +19,12 @@ from glucoloop.component.effects import (
 )
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, completed
-from glucoloop.component.setting import value_text
+from glucoloop.component.setting import CONTROLLER_PANEL, PATIENT_PANEL, Option, value_text
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.models.settings import ModelComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import whole_samples
 from glucoloop.situations.case import Case, completed_case
-from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioComponent
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
 from glucoloop.situations.therapy_text import by_clock, changes_option, needs_of, read_change, with_changes

@@ -27,9 +27,9 @@ from glucoloop.component.effects import (
 )
 from glucoloop.component.grammar import as_tree
 from glucoloop.component.request import by_default, completed, read_root, request_of
+from glucoloop.component.setting import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.control.glucagon import GlucagonComponent
 from glucoloop.faults import START, FaultComponent
-from glucoloop.limits import LARGEST_SEED
 from glucoloop.meals.rescue import RescueComponent
 from glucoloop.meals.settings import MealModelComponent
 from glucoloop.metrics.catalogue import metrics_with
@@ -39,7 +39,6 @@ from glucoloop.patients.component import PatientComponent
 from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, SensorComponent, WhiteNoise, whole_samples
-from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.profile_changes import OverrideComponent
 from glucoloop.situations.scenarios import (
     Actions,
@@ -65,7 +64,7 @@ from glucoloop.unit_guess import (
     SETPOINT,
     refuse_unusual,
 )
-from glucoloop.units import parse_time_of_day
+from glucoloop.units import LARGEST_SEED, parse_time_of_day
 
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel, RescueCarbs

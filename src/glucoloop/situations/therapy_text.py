@@ -18,13 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, MEALS, MEALS_ANNOUNCED, PROFILE, READINGS, Need
-from glucoloop.component.setting import known_names
-from glucoloop.limits import LONGEST_AHEAD_MIN
+from glucoloop.component.setting import Option, known_names
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import Option
 from glucoloop.situations.toml import read_toml, text_of_file
 from glucoloop.therapy import TARGET, TherapyChange
-from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_DAY, MU_MIN_PER_U_H, NUMBER, UNITS_OF_TIME
+from glucoloop.units import LONGEST_AHEAD_MIN, MG_DL_PER_MMOL_L, MIN_PER_DAY, MU_MIN_PER_U_H, NUMBER, UNITS_OF_TIME
 
 if TYPE_CHECKING:
     from glucoloop.situations.run import FedSituation

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final, NamedTuple
 
+from glucoloop.component.setting import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
-from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.run import Run
 from glucoloop.situations.therapy_text import changes_option
 from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
 from glucoloop.component.effects import OTHERS_TO_COMPARE, Need
+from glucoloop.component.setting import RUN_PANEL, Option
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import RUN_PANEL, Option
 from glucoloop.studies.study import COMPONENTS_HELP, TrialStudy
 from glucoloop.trials.trial import Trial
 
