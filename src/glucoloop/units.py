@@ -111,16 +111,6 @@ def mu_min_from_u_h(insulin_U_h: Number) -> Number:
     return insulin_U_h * MU_PER_U / MIN_PER_H
 
 
-def pmol_min_from_mu_min(insulin_mU_min: Number) -> Number:
-    """Insulin rate in pmol/min, the unit of many physiological models."""
-    return insulin_mU_min / MU_MIN_PER_PMOL_MIN
-
-
-def mu_min_from_pmol_min(insulin_pmol_min: Number) -> Number:
-    """Insulin rate in mU/min, from pmol/min."""
-    return insulin_pmol_min * MU_MIN_PER_PMOL_MIN
-
-
 UNITS_OF_TIME: Final = {"min": 1.0, "m": 1.0, "h": MIN_PER_H, "d": MIN_PER_DAY}
 """Minutes in each unit in which a time may be written."""
 # No two parts in a row can take the same characters: a long text that is no number is refused as fast as it is read.

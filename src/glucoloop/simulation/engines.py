@@ -173,7 +173,7 @@ def make_engine(
                 ) from None
     if products == STRICT:
         raise Refusal("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
-    return MappedEngine(step, (person, carry), lacking)
+    return _MappedEngine(step, (person, carry), lacking)
 
 
 class NativeEngine:
@@ -242,7 +242,7 @@ class _NativeLanes:
         return _tree(self._shapes.outputs, rows["outputs"][:, :n], axis=0)
 
 
-class MappedEngine:
+class _MappedEngine:
     """Engine with JAX mapped over people, in float64, on the default device."""
 
     name: Final = "xla"

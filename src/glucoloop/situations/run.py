@@ -181,7 +181,7 @@ class FedSituation(DaySettings, ControlledSituation):
             )
         if self.days is not None and self.duration_min is not None:
             raise Refusal("days and duration_min both tell the length; leave one out")
-        refuse_parts_of_samples(self.horizon_min, self.sample_time_min, has_duration=self.days is None)
+        _refuse_parts_of_samples(self.horizon_min, self.sample_time_min, has_duration=self.days is None)
         whole_samples(self.warm_up_min, self.sample_time_min, "a warm-up")
         self.refuse_late_faults(self.horizon_min)
 
@@ -424,7 +424,7 @@ class Run(FedSituation):
 
     def with_changes(self, texts: tuple[str, ...]) -> Run:
         """The run under changes of its therapy, each of which acts on what the ones before leave."""
-        plain = Run(**{**{name: getattr(self, name) for name in Run.settings()}, "changes": ()})
+        plain = Run.narrowed(self, changes=())
         try:
             return with_changes(plain, map(read_change, texts)) if texts else plain
         except Refusal as error:
@@ -455,7 +455,7 @@ class Run(FedSituation):
         return self.scenario_of(self.eaten(), self.initial_glucose_mg_dl)
 
 
-def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_duration: bool = True) -> None:
+def _refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_duration: bool = True) -> None:
     """Refuse a run that is not a whole number of samples long.
 
     The sentence has the nearest sample time and, where a duration can be given, the nearest that would be possible.

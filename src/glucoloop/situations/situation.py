@@ -400,7 +400,9 @@ class Situation(Component):
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        return self._with(sensor=tuple(component for component in self.sensor if not isinstance(component, WhiteNoise)))
+        return Situation.narrowed(
+            self, sensor=tuple(component for component in self.sensor if not isinstance(component, WhiteNoise))
+        )
 
     def paced(self, every_min: float | None, *, known_dead_time: bool) -> Situation:
         """The situation as a controller meets it that acts at times of its own; itself where there is no such time.
@@ -412,7 +414,7 @@ class Situation(Component):
         known_sensors = tuple(
             component for component in self.sensor if known_dead_time or not isinstance(component, DeadTime)
         )
-        return self._with(sample_time_min=every_min, sensor=known_sensors)
+        return Situation.narrowed(self, sample_time_min=every_min, sensor=known_sensors)
 
     @property
     def schedule(self) -> Schedule:
@@ -422,10 +424,7 @@ class Situation(Component):
 
     def of_controller(self) -> Situation:
         """The situation without what is put around a controller: actions of the person, and a therapy by the clock."""
-        return self._with(actions=(), glucagon=None, therapy=(), targets=(), overrides=())
-
-    def _with(self, **changes: Any) -> Situation:
-        return Situation(**{**{name: getattr(self, name) for name in Situation.settings()}, **changes})
+        return Situation.narrowed(self, actions=(), glucagon=None, therapy=(), targets=(), overrides=())
 
     @property
     def nominal(self) -> Patient:

@@ -206,8 +206,8 @@ class Trial(FedSituation):
 
     def with_cases(self, cases: tuple[Case | Request[Case], ...], **other: Any) -> Trial:
         """A trial of other cases, which have guards and models of their own, in the same situation."""
-        settings = {name: getattr(self, name) for name in Trial.settings()} | {"shard_people": self.people_a_shard}
-        return Trial(**{**settings, "controller": cases, "guard": None, "model": None, **other})
+        changes = {"shard_people": self.people_a_shard, "controller": cases, "guard": None, "model": None, **other}
+        return Trial.narrowed(self, **changes)
 
     @property
     def planned_meals(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
 _FEWEST: Final = 2
 
 
-class ChangedCase(NamedTuple):
+class _ChangedCase(NamedTuple):
     """A case under a change of the therapy."""
 
     case: Case
@@ -59,11 +59,11 @@ class Comparison(Run):
             self.with_changes((text,))  # refuses what is not possible
 
     @property
-    def changed_cases(self) -> tuple[ChangedCase, ...]:
+    def changed_cases(self) -> tuple[_ChangedCase, ...]:
         """Each case under each change that has an effect on it."""
         alone = len(self.cases) == 1
         return tuple(
-            ChangedCase(case, text, text if alone else f"{case.label}: {text}")
+            _ChangedCase(case, text, text if alone else f"{case.label}: {text}")
             for text in self.changes
             for case in self.cases
             if not self.without_effect(text, case)
