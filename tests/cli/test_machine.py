@@ -1,4 +1,4 @@
-"""What the machine refuses, or ends, leaves no half of a result and is told in a sentence; a bug keeps its traceback."""
+"""What the machine refuses or ends is told in a sentence and leaves no half of a result; a bug keeps its traceback."""
 
 import errno
 import os
