@@ -257,7 +257,7 @@ class Oref0(OfPerson, name="oref0"):
     exercise_mode: Annotated[
         bool,
         About(
-            "high_temptarget_raises_sensitivity, and temporary rates so far count against the lower basal rate as well.",
+            "high_temptarget_raises_sensitivity, and temporary rates so far count against the lower basal rate.",
             needs=(TEMPORARY_TARGETS,),
         ),
         STATIC,
