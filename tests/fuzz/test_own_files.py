@@ -25,8 +25,8 @@ from glucoloop.situations.toml import read_file
 from glucoloop.snapshot import pack, unpack
 from glucoloop.storage.disk import read_sums, sums_text
 from glucoloop.storage.folder import SUMS
-from glucoloop.storage.origin import Origin
 from glucoloop.storage.results import Results
+from glucoloop.storage.resumable import Origin
 from glucoloop.storage.tables import parquet
 from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.record_report.sources import _table_of
@@ -41,7 +41,7 @@ RAW = {"read_bytes", "read_text", "read_parquet", "read_csv", "read_json", "load
 """Methods and functions that read a file, or a text of one, without a check of ours."""
 OWNERS = {"json", "tomllib", "pickle", "np", "numpy", "pl", "os", "zipfile", "gzip", "csv"}
 DOORS = {
-    "user_file.py": "the door itself: a regular file of a bounded size",
+    "private_folder.py": "the door itself: a regular file of a bounded size",
     "schema/values.py": "the door itself: JSON of a declared form",
     "schema/tables.py": "the door itself: Parquet of declared columns",
     "storage/disk.py": "the door itself: a file of a folder of ours",
@@ -51,7 +51,6 @@ DOORS = {
     "storage/results.py": "JSON that was just made",
     "storage/tables.py": "CSV of the text of a door",
     "storage/resumable.py": "compared with what is expected, byte by byte",
-    "records/workbook.py": "parts of an archive from a door, of a bounded size",
     "records/user_files.py": "parts of an archive from a door, of a bounded size",
     "records/web_request.py": "answers of a site, of a bounded size and time",
     "_disk_cache.py": "a private folder, with a digest for each entry",
@@ -65,7 +64,7 @@ DOORS = {
     "cli/app.py": "the null device",
     **dict.fromkeys(
         (
-            "component/references.py",
+            "component/listing.py",
             "firmware/chips.py",
             "native/targets/c/numbers.py",
             "reporting/template.py",

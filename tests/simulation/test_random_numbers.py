@@ -13,7 +13,7 @@ from glucoloop.native.words import lower_drawing
 from glucoloop.pumps import PUMPS
 from glucoloop.pumps.protocol import deliver
 from glucoloop.sensors import SENSORS
-from glucoloop.simulation.draws import draws
+from glucoloop.simulation.engines import draws
 from glucoloop.situations.situation import Situation, configured
 
 KEY, INDEX = jax.random.key(3), jnp.zeros((), int)

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.refusal import Refusal
-from glucoloop.situations.changes import BolusShift, CarbCount, read_change, text_of_change
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.situations.therapy_text import BolusShift, CarbCount, read_change, text_of_change
 from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.studies.run import Comparison
 from glucoloop.therapy import TARGET, TherapyChange

@@ -13,7 +13,7 @@ from glucoloop.component.base import Component
 from glucoloop.component.catalogue import catalogues
 from glucoloop.component.code import loaded
 from glucoloop.component.grammar import NONE
-from glucoloop.component.references import Reference, cited_components, known_references, reference
+from glucoloop.component.listing import Reference, cited_components, known_references, reference
 from glucoloop.component.setting import Setting, known_names
 from glucoloop.metrics.catalogue import METRICS
 from glucoloop.refusal import Refusal

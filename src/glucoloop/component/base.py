@@ -59,7 +59,7 @@ class Component:
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
     sources: ClassVar[tuple[str, ...]] = ()
-    """Publications that the component is made after: keys of `component.references`, or whole references as texts."""
+    """Publications that the component is made after: keys of `references.toml`, or whole references as texts."""
     may_have: ClassVar[tuple[str, ...]] = ()
     """Reserved names that settings of this class may have all the same."""
     any_number: ClassVar[Quantity | None] = None

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal, Self
 
 from glucoloop.component.effects import Need
-from glucoloop.component.number_text import NUMBER
 from glucoloop.refusal import Refusal
 from glucoloop.text import shown
 from glucoloop.unit_guess import CONFIRM_OPTION, Quantity, refuse_unusual
-from glucoloop.units import OTHER_UNITS, UNIT_BY_ENDING, ending_of, factor_to
+from glucoloop.units import NUMBER, OTHER_UNITS, UNIT_BY_ENDING, ending_of, factor_to
 
 Value = int | float | str | bool
 

@@ -60,7 +60,7 @@ def _functions(families: Sequence[str] = FAMILIES) -> dict[str, PageFunction]:
         if name in LOOPED:
             program = guard_program_of(family) if guard else program_of(name, family)
             if f"{program}_step" not in result:
-                additions = guard_functions(family) if guard else looped_functions(family)
+                additions = guard_functions(family) if guard else looped_functions(name, family)
                 result |= {f"{program}_{what}": compiled for what, compiled in additions.items()}
             continue
         program, adjusted = (

@@ -11,7 +11,7 @@ from typing import Any, Final
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop._representation import represented
+from glucoloop._pytree import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.limits import LARGEST_MEAL_G, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb

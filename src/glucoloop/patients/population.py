@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._extras import MissingExtraError
-from glucoloop._representation import represented
+from glucoloop._pytree import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at

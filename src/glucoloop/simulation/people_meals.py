@@ -10,12 +10,12 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._pytree import chosen, varying
 from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import Patient
-from glucoloop.simulation.per_person_leaves import chosen, varying
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.sparse import Sparse
 

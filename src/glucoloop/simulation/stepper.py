@@ -30,7 +30,6 @@ from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import (
-    Trace,
     on_the_grid,
     sample_grid,
     start_of,
@@ -38,12 +37,13 @@ from glucoloop.simulation.closed_loop import (
     usual_limits,
     with_minute_inputs,
 )
-from glucoloop.simulation.external_doses import ExternalDoses
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.minute_inputs import minute_inputs_between, minute_inputs_of, refuse_minute_inputs
 from glucoloop.simulation.plant import MinuteInputs, SampleGrid, SteppingIntegrator
+from glucoloop.simulation.trace import Trace
 from glucoloop.simulation.user_objects import Fixed, apart
+from glucoloop.simulation.vector_stepper import ExternalDoses
 from glucoloop.snapshot import fingerprint, pack, unpack
 from glucoloop.units import MIN_PER_DAY
 

@@ -25,10 +25,10 @@ from glucoloop.models.settings import ModelComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import whole_samples
 from glucoloop.situations.case import Case, completed_case
-from glucoloop.situations.changes import by_clock, changes_option, needs_of, read_change, with_changes
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioComponent
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
+from glucoloop.situations.therapy_text import by_clock, changes_option, needs_of, read_change, with_changes
 from glucoloop.situations.unused import reason
 from glucoloop.therapy import TherapyChange
 from glucoloop.unit_guess import GLUCOSE
@@ -162,8 +162,7 @@ class FedSituation(DaySettings, ControlledSituation):
     @classmethod
     def resolved(cls, values: Mapping[str, Any]) -> dict[str, Any]:
         """The settings with meals and exercise in one way of writing."""
-        from glucoloop.situations.exercise_text import same_exercise
-        from glucoloop.situations.meal_text import same_meals
+        from glucoloop.situations.meal_text import same_exercise, same_meals
 
         texts = {"exercise": same_exercise(values["exercise"]), "meals": same_meals(values["meals"])}
         return super().resolved({**values, **texts})
@@ -257,7 +256,7 @@ class FedSituation(DaySettings, ControlledSituation):
     def bouts(self) -> tuple[Exercise, ...]:
         """Exercise of all days, without its variation; Refusal for a bout beyond its day."""
         from glucoloop.physiology.exercise import exercise_in_order, repeated_daily
-        from glucoloop.situations.exercise_text import parse_exercise
+        from glucoloop.situations.meal_text import parse_exercise
 
         a_day = exercise_in_order(map(parse_exercise, self.exercise), self.plan.day_min)
         return repeated_daily(a_day, self.days or 1)

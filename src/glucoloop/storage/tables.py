@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.component.number_text import number_of
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds, read_table
-from glucoloop.spreadsheet import text_cell
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
-from glucoloop.text import one_line
+from glucoloop.text import one_line, text_cell
+from glucoloop.units import number_of
 
 if TYPE_CHECKING:
     from glucoloop.identification import Record

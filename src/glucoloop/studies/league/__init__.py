@@ -24,8 +24,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS, SensorComponent
 from glucoloop.situations.case import Case, cases_of, label_of
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
-from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent
-from glucoloop.situations.situation import Glucagon, ProfileBy, WrongProfile
+from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent, WrongProfile
+from glucoloop.situations.situation import Glucagon, ProfileBy
 from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
 
 MAX_PEOPLE: Final = 10_000

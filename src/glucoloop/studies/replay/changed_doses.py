@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord
-from glucoloop.situations.changes import BolusShift, CarbCount, Change
+from glucoloop.situations.therapy_text import BolusShift, CarbCount, Change
 from glucoloop.text import how_many
 from glucoloop.therapy import TARGET, TherapyChange
 from glucoloop.units import MIN_PER_DAY, MU_PER_U

@@ -6,9 +6,9 @@ from typing import Annotated, ClassVar, Final, NamedTuple
 
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
-from glucoloop.situations.changes import changes_option
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.run import Run
+from glucoloop.situations.therapy_text import changes_option
 from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
 
 _FEWEST: Final = 2

@@ -21,11 +21,10 @@ from glucoloop.refusal import Refusal
 from glucoloop.reporting import Repeat, comparison_table, interactive_page, metrics_table, plot
 from glucoloop.reporting.columns import Column, terminal_table
 from glucoloop.reporting.descriptions import comparison_facts, run_facts
-from glucoloop.reporting.figure_files import figure_files
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.simulation import Trace
-from glucoloop.situations.changes import read_change
 from glucoloop.situations.run import Run
-from glucoloop.situations.therapy_text import NUMBERS
+from glucoloop.situations.therapy_text import NUMBERS, read_change
 from glucoloop.storage import tables as stored
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound.study import bound_of_run

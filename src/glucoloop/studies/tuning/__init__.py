@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Final
 from glucoloop.component.grammar import Tree
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import RANGES, ranges_parted, with_ranges
 from glucoloop.situations.option import Option
-from glucoloop.situations.ranges import RANGES, ranges_parted, with_ranges
 from glucoloop.situations.run import Run
 from glucoloop.studies.study import PlainStudy
 

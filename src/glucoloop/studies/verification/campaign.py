@@ -51,8 +51,8 @@ from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.verification import SAMPLE_MIN, Verification
 from glucoloop.therapy import Profile
 from glucoloop.threefry import uniforms
-from glucoloop.trials.blocks import block_size, in_blocks
 from glucoloop.trials.engine import loop_of
+from glucoloop.trials.people import block_size, in_blocks
 from glucoloop.trials.trial import Trial
 from glucoloop.units import MIN_PER_DAY
 
