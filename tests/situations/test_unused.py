@@ -146,6 +146,7 @@ NOTED = [
             "allow_smb_with_high_temptarget": "true",
             "enable_smb_with_temptarget": "true",
             "high_temptarget_raises_sensitivity": "true",
+            "exercise_mode": "true",
             "low_temptarget_lowers_sensitivity": "true",
             "half_basal_exercise_target_mg_dl": 140,
             "autosens_max": 1.3,

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.effects import BOLUSES, PROFILE, READINGS, TEMPORARY_TARGETS, Need
+from glucoloop.component.effects import BOLUSES, CORRECTION, PROFILE, READINGS, TEMPORARY_TARGETS, Need
 from glucoloop.component.pytree_component import HOST, derived, wired
 from glucoloop.component.setting import About
 from glucoloop.control.around import ControllerAround
@@ -57,7 +57,7 @@ class ActionComponent(ControllerAround):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the action meets by itself."""
-        return frozenset({READINGS, PROFILE, BOLUSES} if self.doses else ())
+        return frozenset({READINGS, PROFILE, CORRECTION, BOLUSES} if self.doses else ())
 
     @derived
     def first_min(self) -> float:

@@ -17,7 +17,17 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
-from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, MEALS, MEALS_ANNOUNCED, PROFILE, READINGS, Need
+from glucoloop.component.effects import (
+    AHEAD,
+    ANNOUNCEMENTS,
+    CARB_RATIO,
+    CORRECTION,
+    MEALS,
+    MEALS_ANNOUNCED,
+    PROFILE,
+    READINGS,
+    Need,
+)
 from glucoloop.component.setting import Option, known_names
 from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import read_toml, text_of_file
@@ -245,6 +255,8 @@ def _segments(name: str, segments: list[tuple[float, str]]) -> Iterable[TherapyC
 S = TypeVar("S", bound="FedSituation")
 _BOLUS: Final = "bolus"
 _CARBS: Final = "carbs"
+_USED_BY: Final = {"basal_mU_min": PROFILE, "carb_ratio_g_U": CARB_RATIO, "correction_mg_dl_U": CORRECTION}
+"""Need of a controller that doses by each number of the profile."""
 _MIN_COUNT_PCT, _MAX_COUNT_PCT = 10.0, 200.0
 _SHIFT: Final = re.compile(rf"({NUMBER})\s*(min|m|h)\s+(earlier|later)", re.ASCII)
 _COUNT: Final = re.compile(rf"({NUMBER})\s*%\s*too\s+(low|high)", re.ASCII)
@@ -286,9 +298,10 @@ def read_change(text: str) -> Change:
 def _bolus_shift(text: str, amount: str) -> BolusShift:
     match = _SHIFT.fullmatch(amount)
     if match is None:
+        _refuse_hours(text, amount, _SHIFT, "the boluses of all meals move alike")
         raise Refusal(
             f"{text!r} tells no time of boluses; write it like 'bolus, 15 min earlier' or 'bolus, 10 min later', "
-            "without hours, and another size of boluses like 'carb_ratio, -10%'"
+            "and another size of boluses like 'carb_ratio, -10%'"
         )
     minutes = float(match[1]) * UNITS_OF_TIME[match[2]]
     if not 0.0 < minutes <= LONGEST_AHEAD_MIN:
@@ -298,12 +311,24 @@ def _bolus_shift(text: str, amount: str) -> BolusShift:
     return BolusShift(minutes if match[3] == "earlier" else -minutes)
 
 
+def _refuse_hours(text: str, amount: str, of: re.Pattern[str], alike: str) -> None:
+    """Refuse a change that is one but for its hours."""
+    without, _, hours = (piece.strip() for piece in amount.partition(","))
+    if hours and of.fullmatch(without):
+        name = text.partition(",")[0].strip()
+        raise Refusal(
+            f"{text!r} has the hours {hours!r}, and {alike}; leave them out, like '{name}, {without}', or change the "
+            f"ratio of some hours, like 'carb_ratio, -10%, breakfast'"
+        )
+
+
 def _carb_count(text: str, amount: str) -> CarbCount:
     match = _COUNT.fullmatch(amount)
     if match is None:
+        _refuse_hours(text, amount, _COUNT, "the carbohydrate of all meals is counted alike")
         raise Refusal(
             f"{text!r} tells no error of counted carbohydrate; write it like 'carbs, 20% too low' or 'carbs, 30% too "
-            "high', without hours"
+            "high'"
         )
     percent = 100.0 + float(match[1]) * (1.0 if match[2] == "high" else -1.0)
     if match[1][0] in "+-" or percent == 100.0 or not _MIN_COUNT_PCT <= percent <= _MAX_COUNT_PCT:
@@ -361,7 +386,7 @@ def needs_of(change: Change, controller: Any) -> tuple[Need, ...]:
     if change.field == TARGET:
         return (READINGS,)
     own = controller.settings().get(change.field)
-    return (PROFILE, *(() if own is None else own.about.needs))
+    return (_USED_BY[change.field], *(() if own is None else own.about.needs))
 
 
 def with_changes(situation: S, changes: Iterable[Change]) -> S:

@@ -241,7 +241,7 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
         command, title = "run" if type(config) is Run else "hil", f"{name} at {config.place}"
         facts = run_facts(config, outcome.case, outcome.computed_settings)
         facts |= {"Changes of the therapy": "; ".join(config.changes)} if config.changes else {}
-        files |= _profile_file(config)
+    files |= _profile_file(config)
     again = _repeat(config, loops, command, {label: name for label, (name, _) in models.items()})
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
@@ -272,9 +272,12 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
 
 
 def _profile_file(config: Run) -> dict[str, bytes]:
-    """Therapy by the clock of a run as a profile of Nightscout, without its overrides; empty where it is constant."""
-    changed = dataclasses.replace(config, overrides=())
-    changed = changed.with_changes(changed.changes) if changed.changes else changed
+    """Therapy by the clock as a profile of Nightscout, without its overrides; empty where it is constant.
+
+    That of a comparison is the therapy as it is, without the changes beside it.
+    """
+    changed: Run = dataclasses.replace(config, overrides=())
+    changed = changed.with_changes(changed.changes if changed.changes_together else ())
     schedule, own = changed.schedule, profile_of(changed)
     if not schedule.changes:
         return {}
