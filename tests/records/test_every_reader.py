@@ -10,7 +10,7 @@ import glucoloop as gl
 from device_files import FILES, NAME, SERIAL, SURNAME
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import DELIMITERS, content_of
-from glucoloop.records.readers import READERS
+from glucoloop.records.reader import READERS
 from glucoloop.records.reading import reader_of
 from glucoloop.text import is_printable
 

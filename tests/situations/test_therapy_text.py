@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.refusal import Refusal
-from glucoloop.situations.override import OVERRIDES
+from glucoloop.situations.profile_changes import OVERRIDES
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.therapy_text import change_text, parse_change, profile_texts, target_change

@@ -28,8 +28,8 @@ HOMES: Final = {
     "pump": "glucoloop.pumps:PUMPS",
     "fault": "glucoloop.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
-    "profile error": "glucoloop.situations.profile_error:PROFILE_ERRORS",
-    "override": "glucoloop.situations.override:OVERRIDES",
+    "profile error": "glucoloop.situations.profile_changes:PROFILE_ERRORS",
+    "override": "glucoloop.situations.profile_changes:OVERRIDES",
     "action": "glucoloop.control.action:ACTIONS",
     "glucagon controller": "glucoloop.control.glucagon:GLUCAGON",
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
@@ -38,7 +38,7 @@ HOMES: Final = {
     "metric": "glucoloop.metrics.catalogue:METRICS",
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
-    "reader": "glucoloop.records.readers:READERS",
+    "reader": "glucoloop.records.reader:READERS",
     "forecast method": "glucoloop.forecasts.catalogue:METHODS",
 }
 """Catalogue of each kind, as ``module:attribute``."""

@@ -10,12 +10,11 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from glucoloop._pytree import pytree, static
-from glucoloop._representation import represented
+from glucoloop._pytree import pytree, represented, static
 from glucoloop.arguments import checked
-from glucoloop.component.number_text import number_of
 from glucoloop.identification import _check, _unusual
 from glucoloop.refusal import Refusal
+from glucoloop.units import number_of
 
 HIGHEST_GLUCOSE_MG_DL = 2000.0
 HIGHEST_INSULIN_MU_MIN = 10_000.0

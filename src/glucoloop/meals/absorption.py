@@ -18,7 +18,7 @@ from glucoloop.meals.linear import absorb_linearly, linear_digestion
 from glucoloop.meals.moments import points_of_sample
 from glucoloop.meals.ode import OdeDigestion, absorb_by_equations, eaten_in_points
 from glucoloop.meals.protocol import Eaten, MealModel, OdeMealModel
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.sparse import Sparse
 
 

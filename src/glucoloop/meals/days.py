@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
-from glucoloop.limits import LARGEST_MEAL_G
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import Meal
 from glucoloop.threefry import uniforms
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LARGEST_MEAL_G, MIN_PER_DAY
 
 Array = npt.NDArray[Any]
 DAY: Final = 1 << 16

@@ -16,10 +16,9 @@ from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import ANNOUNCEMENTS, Need
 from glucoloop.component.setting import About
-from glucoloop.limits import LARGEST_MEAL_G
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import MEAL
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LARGEST_MEAL_G, MIN_PER_DAY
 
 if TYPE_CHECKING:
     from glucoloop.meals.days import LivedDays

@@ -19,8 +19,8 @@ from glucoloop._disk_cache import kept_result
 from glucoloop.meals.linear import LinearAbsorption, added_by_jump
 from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
-from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.sparse import Sparse
 
 Array = npt.NDArray[Any]

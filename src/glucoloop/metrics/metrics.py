@@ -9,8 +9,7 @@ from typing import Any, Final, Self
 import jax
 import numpy as np
 
-from glucoloop._pytree import pytree, static
-from glucoloop._representation import represented
+from glucoloop._pytree import pytree, represented, static
 from glucoloop.metrics.catalogue import default_results
 from glucoloop.refusal import Refusal
 

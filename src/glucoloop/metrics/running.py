@@ -22,8 +22,8 @@ from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import Reading
-from glucoloop.simulation.closed_loop import Trace
 from glucoloop.simulation.loop import Sampled
+from glucoloop.simulation.trace import Trace
 
 _ROUNDING_MU_MIN: Final = {"float64": 1e-9, "float32": 1e-4}
 

@@ -18,9 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._extras import MissingExtraError
 from glucoloop._kept_programs import kept_jit
-from glucoloop._representation import represented
+from glucoloop._pytree import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at
@@ -30,7 +29,7 @@ from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.protocol import Patient
 from glucoloop.patients.table import REPLACED, PeopleTable
 from glucoloop.patients.variation import Distribution, Values, Variation
-from glucoloop.refusal import Refusal
+from glucoloop.refusal import MissingExtraError, Refusal
 from glucoloop.therapy import Profile
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 

@@ -1,8 +1,8 @@
 from .extract import Extract as Extract
 from .extract import extract_frame as extract_frame
 from .nightscout_site import read_nightscout as read_nightscout
+from .reader import READERS as READERS
 from .reader import ReaderComponent as ReaderComponent
-from .readers import READERS as READERS
 from .record import DeviceRecord as DeviceRecord
 from .record import FileRefusal as FileRefusal
 from .record import read_people as read_people

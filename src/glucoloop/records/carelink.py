@@ -11,16 +11,15 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import UNITS, Answers
-from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.carelink_raw import place_of_raw
 from glucoloop.records.devices import kind_of
-from glucoloop.records.extract import Extract, bolus_types, extract_frame, with_basal
+from glucoloop.records.extract import BasalEvent, Extract, basal_rates, bolus_types, extract_frame, with_basal
 from glucoloop.records.file_text import CellTable, FileText, table_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
+from glucoloop.units import number_of
 
 _HEADER: Final = ("Index", "Date", "Time", "Sensor Glucose (")
 _RULE: Final = "-------"

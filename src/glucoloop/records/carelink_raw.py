@@ -14,9 +14,8 @@ from typing import Final
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
-from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import device_kinds
-from glucoloop.records.extract import Extract, extract_frame, number_in, with_basal
+from glucoloop.records.extract import BasalEvent, Extract, basal_rates, extract_frame, number_in, with_basal
 from glucoloop.records.file_text import FileText
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of

@@ -17,7 +17,7 @@ from glucoloop.records.extract import Extract, extract_frame, notes_on_spread, n
 from glucoloop.records.file_text import FileText
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.records.workbook import sheet_name
+from glucoloop.records.user_files import sheet_name
 
 _INSULIN: Final = ("Time", "Basal Amount (U/h)", "Bolus Type", "Bolus Volume (U)")
 _GLUCOSE: Final = tuple(("Time", unit) for unit in UNITS)

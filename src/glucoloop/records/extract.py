@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from datetime import datetime, timedelta
+from typing import Any, Final, Literal
 
 import polars as pl
 
@@ -146,3 +147,99 @@ def with_basal(frame: pl.DataFrame, rates: list[tuple[int, Any, float]]) -> pl.D
     return pl.concat(
         [frame.join(bare.select("row"), on="row", how="anti", maintain_order="left"), table], how="diagonal"
     )
+
+
+_VALUES: Final = ("glucose_mg_dl", "carbs_g", "bolus_U", "long_acting_U", "basal_U_h")
+_ABOUT: Final = {"glucose_mg_dl": ("out_of_range",), "bolus_U": ("bolus_min", "bolus_type")}
+"""Columns that tell more of a value."""
+
+
+@dataclass
+class Account:
+    """Rows that were left out, by reason, and notes on what was changed."""
+
+    files: int = 0
+    rows: int = 0
+    """Number of rows of the files."""
+    left_out: dict[str, int] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def without(self, frame: pl.DataFrame, gone: pl.Expr, reason: str) -> pl.DataFrame:
+        """Rows without some; a row of the file of which none is left is counted as left out."""
+        mask = frame.select(gone.fill_null(False)).to_series()
+        if not mask.any():
+            return frame
+        lost, kept = frame.filter(mask).select("file", "row").unique(), frame.filter(~mask)
+        lost = lost.join(kept.select("file", "row"), on=["file", "row"], how="anti")
+        if lost.height:
+            self.left_out[reason] = self.left_out.get(reason, 0) + lost.height
+        return kept
+
+    def without_value(self, frame: pl.DataFrame, gone: pl.Series, name: str, reason: str) -> pl.DataFrame:
+        """Rows of which some have lost one value; those with no other one are left out, as rows of the reason."""
+        if not gone.any():
+            return frame
+        bare = pl.all_horizontal(pl.col(other).is_null() for other in _VALUES if other != name)
+        frame = frame.with_columns(_gone=gone)
+        beside = frame.filter(pl.col("_gone") & ~bare).height
+        if beside:
+            self.notes.append(f"{how_many(beside, 'row')} lost a value and kept another one: {reason}.")
+        frame = self.without(frame, pl.col("_gone") & bare, reason)
+        names = (name, *_ABOUT.get(name, ()))
+        return frame.with_columns(pl.when(~pl.col("_gone")).then(one).alias(one) for one in names).drop("_gone")
+
+
+_SAME_TIME = timedelta(minutes=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BasalEvent:
+    """One entry of the log of a pump about its basal rate."""
+
+    row: int
+    """Row of the file."""
+    time: datetime
+    what: Literal["usual", "absolute", "percent", "end", "suspend", "resume"]
+    value: float = math.nan
+    """Rate [U/h], or percentage of the usual rate."""
+    minutes: float = math.inf
+    """Duration of a temporary rate."""
+
+
+def basal_rates(events: Iterable[BasalEvent]) -> list[tuple[int, datetime, float]]:
+    """Row of the file, time and basal rate [U/h] of each change; NaN where the rate is not known from there on.
+
+    A temporary rate ends after its duration or with the next one, and then the usual rate holds, which may be unknown.
+    """
+    rates: list[tuple[int, datetime, float]] = []
+    usual, suspended = math.nan, False
+    temporary: BasalEvent | None = None
+
+    def rate() -> float:
+        if suspended:
+            return 0.0
+        if temporary is None:
+            return usual
+        return temporary.value if temporary.what == "absolute" else usual * temporary.value / 100.0
+
+    def end_of(event: BasalEvent) -> datetime:
+        return event.time + timedelta(minutes=min(event.minutes, 1e7))
+
+    for event in sorted(events, key=lambda event: event.time):
+        if temporary is not None and end_of(temporary) <= event.time:
+            ended, temporary = temporary, None
+            if event.time - end_of(ended) > _SAME_TIME:
+                rates.append((ended.row, end_of(ended), rate()))
+        if event.what == "usual":
+            usual = event.value
+        elif event.what in ("absolute", "percent"):
+            temporary = event
+        elif event.what == "end":
+            temporary = None
+        else:
+            suspended = event.what == "suspend"
+        rates.append((event.row, event.time, rate()))
+    if temporary is not None and math.isfinite(temporary.minutes):
+        ended, temporary = temporary, None
+        rates.append((ended.row, end_of(ended), rate()))
+    return rates

@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 
 import polars as pl
 
-from glucoloop.records.answers import Answers
+from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
 from glucoloop.records.reader import TableReaderComponent
@@ -25,7 +25,6 @@ _NAMED: Final = {
     ("Timestamp", "Glucose Value (", "Manual Reading"): "finger pricks",
     ("Timestamp", "Alarm/Event"): "alarms",
 }
-_UNITS: Final = ("mmol/l", "mg/dl")
 
 
 class Glooko(TableReaderComponent, name="glooko"):
@@ -65,6 +64,6 @@ class Glooko(TableReaderComponent, name="glooko"):
             frame=extract_frame(
                 frame, times, table.spoilt, **columns, kind=pl.lit(_NAMED.get(header, "rows without a value"))
             ),
-            glucose_unit=next((unit for unit in _UNITS if unit in (glucose or "").casefold()), None),
+            glucose_unit=next((unit for unit in UNITS if unit in (glucose or "").casefold()), None),
             notes=(*table.notes, *notes),
         )

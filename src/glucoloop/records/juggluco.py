@@ -12,9 +12,9 @@ from typing import ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
+from glucoloop.records.devices import is_long_acting
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
-from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import from_utc
 from glucoloop.units import MIN_PER_H

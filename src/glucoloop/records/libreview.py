@@ -13,11 +13,10 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.records.answers import Answers
+from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, extract_frame
-from glucoloop.records.file_text import FileText
-from glucoloop.records.localised_table import UNITS, LocalisedTable
+from glucoloop.records.file_text import FileText, LocalisedTable
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 

@@ -22,11 +22,19 @@ from typing import Any, ClassVar, Final, NamedTuple
 import polars as pl
 
 from glucoloop.records.answers import Answers
-from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.devices import device_kinds
-from glucoloop.records.extract import Extract, cells, extract_frame, notes_on_spread, number_in, with_basal, with_doses
+from glucoloop.records.devices import device_kinds, is_long_acting
+from glucoloop.records.extract import (
+    BasalEvent,
+    Extract,
+    basal_rates,
+    cells,
+    extract_frame,
+    notes_on_spread,
+    number_in,
+    with_basal,
+    with_doses,
+)
 from glucoloop.records.file_text import FileText, json_of
-from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.nightscout_profile import SWITCH, fixed_zone, profiles_of, usual_rates, zones_of
 from glucoloop.records.nightscout_table import is_table, items_of
 from glucoloop.records.reader import ReaderComponent

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
-from glucoloop.records.account import Account
 from glucoloop.records.answers import Answers
+from glucoloop.records.extract import Account
 from glucoloop.records.file_text import FileText, json_of
 from glucoloop.records.nightscout import Nightscout
 from glucoloop.records.nightscout_profile import profiles_of, zones_of

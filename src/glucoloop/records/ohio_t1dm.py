@@ -11,14 +11,20 @@ from typing import Any, Final
 
 import polars as pl
 
-from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import DAY_FIRST, Answers
-from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.extract import Extract, cells, extract_frame, notes_on_spread, with_basal
+from glucoloop.records.extract import (
+    BasalEvent,
+    Extract,
+    basal_rates,
+    cells,
+    extract_frame,
+    notes_on_spread,
+    with_basal,
+)
 from glucoloop.records.file_text import FileText, xml_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.units import S_PER_MIN
+from glucoloop.units import S_PER_MIN, number_of
 
 _KINDS: Final = {
     "glucose_level": "readings without a value",

@@ -1,10 +1,11 @@
-"""Classes of which every reader of files is one."""
+"""Readers of files by name, and the classes of which every one is."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from glucoloop.component.base import Component
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -12,12 +13,13 @@ if TYPE_CHECKING:
     from glucoloop.records.extract import Extract
     from glucoloop.records.file_text import CellTable, FileText
 
+
 Header = tuple[str, ...]
 """Names of fields that stand in one line of a file."""
 
 
 class ReaderComponent(Component):
-    """Reader of files of one kind: a class in a file of its own, entered in `readers.READERS`.
+    """Reader of files of one kind: a class in a file of its own, entered in `READERS`.
 
     A package of your own enters it by an entry point in the group ``glucoloop.readers``.
     """
@@ -63,3 +65,31 @@ class TableReaderComponent(ReaderComponent):
             f"it has no header of the reader {self.name}, as {', '.join(self.headers[0])}; "
             "give the file as it was exported or published"
         )
+
+
+READERS: Final = Catalogue(
+    ReaderComponent,
+    {
+        "dexcom-clarity": "glucoloop.records.dexcom_clarity:DexcomClarity",
+        "libreview": "glucoloop.records.libreview:LibreView",
+        "carelink": "glucoloop.records.carelink:CareLink",
+        "carelink-raw": "glucoloop.records.carelink_raw:CareLinkRaw",
+        "glooko": "glucoloop.records.glooko:Glooko",
+        "diasend": "glucoloop.records.diasend:Diasend",
+        "tandem": "glucoloop.records.tandem:Tandem",
+        "nightscout": "glucoloop.records.nightscout:Nightscout",
+        "tidepool": "glucoloop.records.tidepool:Tidepool",
+        "xdrip": "glucoloop.records.xdrip:XDrip",
+        "juggluco": "glucoloop.records.juggluco:Juggluco",
+        "jaeb": "glucoloop.records.jaeb:Jaeb",
+        "ohio-t1dm": "glucoloop.records.ohio_t1dm:OhioT1DM",
+        "azt1d": "glucoloop.records.azt1d:AZT1D",
+        "t1d-uom": "glucoloop.records.t1d_uom:T1dUom",
+        "hupa-ucm": "glucoloop.records.hupa_ucm:HupaUcm",
+        "shanghai-t1dm": "glucoloop.records.shanghai_t1dm:ShanghaiT1DM",
+        "simglucose": "glucoloop.records.simulators:Simglucose",
+        "replaybg": "glucoloop.records.simulators:ReplayBG",
+        "table": "glucoloop.records.any_table:AnyTable",
+    },
+    example="dexcom-clarity",
+)

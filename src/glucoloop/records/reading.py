@@ -11,19 +11,16 @@ from pathlib import Path
 import polars as pl
 
 from glucoloop.component.setting import choices_text
-from glucoloop.records.account import Account
 from glucoloop.records.answers import Answers
 from glucoloop.records.any_table import AnyTable
 from glucoloop.records.devices import program_of
-from glucoloop.records.extract import Extract
+from glucoloop.records.extract import Account, Extract
 from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.nightscout_profile import zones_of
-from glucoloop.records.reader import ReaderComponent
-from glucoloop.records.readers import READERS
+from glucoloop.records.reader import READERS, ReaderComponent
 from glucoloop.records.record import PARQUET, DeviceRecord, FileRefusal, record_from_parquet
 from glucoloop.records.tidy import record_of, settled
-from glucoloop.records.user_files import ZIP, UserFile, files_of
-from glucoloop.records.workbook import is_workbook
+from glucoloop.records.user_files import ZIP, UserFile, files_of, is_workbook
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many, printable
 

@@ -20,9 +20,9 @@ from typing import ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import Answers
+from glucoloop.records.devices import rapid_share
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import FileText
-from glucoloop.records.insulins import rapid_share
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.text import how_many

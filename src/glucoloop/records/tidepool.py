@@ -13,10 +13,11 @@ from typing import Any, ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import Answers
-from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.devices import device_kinds
+from glucoloop.records.devices import device_kinds, is_long_acting
 from glucoloop.records.extract import (
+    BasalEvent,
     Extract,
+    basal_rates,
     cells,
     extract_frame,
     finite,
@@ -26,7 +27,6 @@ from glucoloop.records.extract import (
     with_doses,
 )
 from glucoloop.records.file_text import CellTable, FileText, json_of
-from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of

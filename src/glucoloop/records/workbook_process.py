@@ -1,4 +1,4 @@
-"""Tables of a workbook as texts: a program of its own, which `workbook.sheets_of` starts.
+"""Tables of a workbook as texts: a program of its own, which `user_files._sheets_of` starts.
 
 The library that opens workbooks takes as much memory as a workbook of a thousand bytes asks for, and ends the process
 that it cannot serve; here that process is not the user's.
@@ -37,7 +37,7 @@ def main() -> None:
 
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    # `workbook.sheets_of` has seen to it that the package is there, and this process imports no other module of ours.
+    # `user_files._sheets_of` has checked that the package is there, and this process imports no other module of ours.
     calamine = importlib.import_module("python_calamine")
     workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(sys.stdin.buffer.read()))
     for name in workbook.sheet_names:

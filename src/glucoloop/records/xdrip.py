@@ -12,12 +12,12 @@ from typing import ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import DAY_FIRST, Answers
-from glucoloop.records.database import XDRIP_TABLES
+from glucoloop.records.devices import is_long_acting
 from glucoloop.records.extract import Extract, extract_frame
 from glucoloop.records.file_text import CellTable, FileText, json_of
-from glucoloop.records.insulins import is_long_acting
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import from_utc, times_of
+from glucoloop.records.user_files import XDRIP_TABLES
 
 _CSV: Final = ("DAY", "TIME", "UDT_CGMS")
 _ERROR_MG_DL: Final = 38.0

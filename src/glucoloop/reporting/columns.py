@@ -22,7 +22,7 @@ from glucoloop.display_units import OTHERS, heading_shown, in_shown_units, other
 from glucoloop.metrics.catalogue import metrics_with
 from glucoloop.metrics.metric import Result
 from glucoloop.refusal import Refusal
-from glucoloop.reporting.periods import moment_text
+from glucoloop.reporting.labelled_traces import moment_text
 from glucoloop.text import NOT_AVAILABLE, glucose_text
 from glucoloop.text import percent as percent_text
 from glucoloop.units import MIN_PER_DAY, UNIT_BY_ENDING, ending_of

@@ -17,12 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, varying
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller, gives_boluses, gives_glucagon
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.patients.capabilities import refuse_glucagon
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
@@ -32,7 +32,6 @@ from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
 from glucoloop.simulation.people_meals import PeopleMeals
-from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.simulation.person_loop import Accumulator, PersonLoop, PersonValues, SampledInside, SteppedRun, WholeRun
 from glucoloop.simulation.plant import MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import NEED_VALUES, needs_values

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from glucoloop.arguments import is_traced
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.patients.protocol import Patient
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.explicit import Explicit, ExplicitPeople

@@ -8,12 +8,11 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jnp
 
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import chosen, pytree, replaced, static
 from glucoloop.meals.absorption import Digestion
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.sensors import Reading
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
-from glucoloop.simulation.per_person_leaves import chosen, replaced
 from glucoloop.simulation.plant import Exogenous, MinuteInputs
 
 

@@ -26,8 +26,7 @@ from glucoloop.metrics.readings.profile import PARTS_OF_DAY, by_time_of_day
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import MetricRow, lines_table
-from glucoloop.reporting.record_goals import GOALS
-from glucoloop.reporting.record_groups import ReportedGroup, ReportedRecord
+from glucoloop.reporting.record_groups import GOALS, ReportedGroup, ReportedRecord
 from glucoloop.reporting.record_page import medians_plot
 from glucoloop.reporting.template import render
 from glucoloop.situations.scenarios import SCENARIOS

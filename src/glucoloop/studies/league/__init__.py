@@ -14,8 +14,8 @@ from glucoloop.component.base import Component
 from glucoloop.component.effects import EVERYTHING, Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, request_of
+from glucoloop.component.setting import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.limits import LARGEST_SEED
 from glucoloop.meals.rescue import RESCUES, RescueComponent
 from glucoloop.metrics.catalogue import METRICS
 from glucoloop.patients.catalogue import PATIENTS
@@ -23,10 +23,10 @@ from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS, SensorComponent
 from glucoloop.situations.case import Case, cases_of, label_of
-from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
-from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent
-from glucoloop.situations.situation import Glucagon, ProfileBy, WrongProfile
+from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent, WrongProfile
+from glucoloop.situations.situation import Glucagon, ProfileBy
 from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
+from glucoloop.units import LARGEST_SEED
 
 MAX_PEOPLE: Final = 10_000
 MAX_BEST: Final = 1000

@@ -14,7 +14,7 @@ from glucoloop.records import DeviceRecord, FileRefusal, read_people
 from glucoloop.records.reading import files_of_people
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds
-from glucoloop.storage.tables import read_parquet, refusing_damage
+from glucoloop.storage.results import read_parquet, refusing_damage
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.text import how_many, printable
 from glucoloop.units import MIN_PER_DAY
