@@ -12,6 +12,7 @@ import errno
 import functools
 import hashlib
 import inspect
+import operator
 import os
 import pickle
 import stat
@@ -44,7 +45,7 @@ _KNOWN: Final = sys.stdlib_module_names | {
     *("builtins", "glucoloop", "gymnasium", "jax", "lazy_loader", "matplotlib", "numpy", "polars", "scipy")
 }
 """Packages whose functions stand in modules of glucoloop."""
-_MOST: Final = 16
+_MOST: Final = 32
 """Most results that a process adds: those of a start are few, and who asks for many has no use for a file of each."""
 _left = _MOST
 """Number of results that may still be kept."""
@@ -194,12 +195,21 @@ def is_changed() -> bool:
     """
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] == __package__ and type(module) is ModuleType:  # a lazy one has not been loaded yet
-            for value in list(vars(module).values()):
-                is_class = issubclass(type(value), type) and value.__module__ == name  # isinstance loads lazy modules
-                for member in list(vars(value).values()) if is_class else (value,):
-                    if type(member) is FunctionType and not _is_known(member):
-                        return True
+            values = list(vars(module).values())
+            # isinstance loads lazy modules
+            classes = [v for v in values if issubclass(type(v), type) and v.__module__ == name]
+            members = [member for place in (module, *classes) for member in vars(place).values()]
+            looked_at = _own.get(name, ())
+            if len(members) == len(looked_at) and all(map(operator.is_, members, looked_at)):
+                continue
+            if any(type(member) is FunctionType and not _is_known(member) for member in members):
+                return True
+            _own[name] = members
     return False
+
+
+_own: dict[str, list[Any]] = {}
+"""Members of the modules in which all was glucoloop's own: comparing them with these is quick."""
 
 
 def _is_known(function: FunctionType) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from glucoloop._disk_cache import keeps_result
 from glucoloop._lazy_jax import jnp, np, npt
 from glucoloop.control.loop_like import part_absorbed
 from glucoloop.therapy import INSULINS, insulin_left
@@ -22,6 +23,7 @@ _LONGEST_MIN: Final = _INSULIN.delay_min + _INSULIN.action_min
 """Time after which nothing is on board, longer for insulin than for a meal."""
 
 
+@keeps_result
 def curves(sample_time_min: float) -> tuple[Values, Values]:
     """Parts of a dose and of a meal that are on board at whole samples after them, ``(samples,)``, the last ones 0."""
     t_min = sample_time_min * np.arange(np.ceil(_LONGEST_MIN / sample_time_min) + 1)

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
 
+from glucoloop._lazy_jax import scipy
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import Meal
 from glucoloop.threefry import uniforms
@@ -100,7 +100,7 @@ class LivedDays:
 
         It is from 0 to 1000 g.
         """
-        z = ndtri(self.named("counted carbohydrate").uniform())
+        z = scipy.special.ndtri(self.named("counted carbohydrate").uniform())
         announced_g = self.announced_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
         return self.changed(announced_g=np.clip(announced_g, 0.0, LARGEST_MEAL_G))
 

@@ -25,8 +25,8 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import scipy.special
 
+from glucoloop._lazy_jax import scipy
 from glucoloop.trials.people import PeopleRows
 
 Floats = npt.NDArray[np.float64]
