@@ -35,7 +35,7 @@ HOMES: Final = {
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
     "rhythm": "glucoloop.physiology.rhythm:RHYTHMS",
-    "metric": "glucoloop.metrics.catalogue:METRICS",
+    "metric": "glucoloop.metrics.metric:METRICS",
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
     "reader": "glucoloop.records.reader:READERS",

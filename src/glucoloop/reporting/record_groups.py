@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from glucoloop.metrics.readings.people import PeopleSpread, over_people
+from glucoloop.metrics.readings.catalogue import PeopleSpread, over_people
 from glucoloop.metrics.readings.profile import DayProfile, day_profile
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.reporting.record_goals import MIN_ACTIVE_PCT, MIN_DAYS

@@ -36,8 +36,7 @@ from glucoloop.faults import START, FaultComponent
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.rescue import RescueComponent
 from glucoloop.meals.settings import MealModelComponent
-from glucoloop.metrics.catalogue import metrics_with
-from glucoloop.metrics.metric import Metric
+from glucoloop.metrics.metric import Metric, metrics_with
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.component import PatientComponent
 from glucoloop.physiology.rhythm import RhythmComponent

@@ -17,7 +17,7 @@ from glucoloop.component.request import Request, request_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.meals.rescue import RESCUES, RescueComponent
-from glucoloop.metrics.catalogue import METRICS
+from glucoloop.metrics.metric import METRICS
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 from glucoloop.display_units import OTHERS, in_shown_units, other_value
-from glucoloop.metrics.catalogue import result_named
+from glucoloop.metrics.metric import result_named
 from glucoloop.reporting.columns import MetricRow
 from glucoloop.storage.results import Results
 from glucoloop.studies.trial import TrialRequest
