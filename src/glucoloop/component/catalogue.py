@@ -20,7 +20,7 @@ P = TypeVar("P", bound=Component)
 
 HOMES: Final = {
     "patient": "glucoloop.patients.catalogue:PATIENTS",
-    "meal model": "glucoloop.meals.settings:MEAL_MODELS",
+    "meal model": "glucoloop.meals.models:MEAL_MODELS",
     "rescue": "glucoloop.meals.rescue:RESCUES",
     "habit": "glucoloop.meals.habits:HABITS",
     "scenario": "glucoloop.situations.scenarios:SCENARIOS",

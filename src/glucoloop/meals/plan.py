@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from glucoloop.arguments import checked
 from glucoloop.limits import LARGEST_MEAL_G, LONGEST_RUN_MIN, MAX_DAYS
-from glucoloop.meals.days import LivedDays
-from glucoloop.meals.habits import HabitComponent
+from glucoloop.meals.habits import HabitComponent, LivedDays
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import Meal, check_warm_up, eaten, in_order
 from glucoloop.refusal import Refusal

@@ -34,8 +34,8 @@ from glucoloop.control.action import ActionComponent
 from glucoloop.control.glucagon import GlucagonComponent
 from glucoloop.faults import START, FaultComponent
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
+from glucoloop.meals.models import MealModelComponent
 from glucoloop.meals.rescue import RescueComponent
-from glucoloop.meals.settings import MealModelComponent
 from glucoloop.metrics.metric import Metric, metrics_with
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.component import PatientComponent
