@@ -86,7 +86,7 @@ def symbol(name: str) -> str:
 
 
 def constants() -> str:
-    from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS
+    from glucoloop.patients.sorensen.parker1999 import CONSTANTS
 
     sources = list(dict.fromkeys(constant.source for constant in CONSTANTS))
     parts, sigmoids = [], {}

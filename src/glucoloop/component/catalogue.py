@@ -39,7 +39,7 @@ HOMES: Final = {
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
     "reader": "glucoloop.records.reader:READERS",
-    "forecast method": "glucoloop.forecasts.catalogue:METHODS",
+    "forecast method": "glucoloop.forecasts.method:METHODS",
 }
 """Catalogue of each kind, as ``module:attribute``."""
 

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
 from glucoloop._lazy_jax import np, scipy
 from glucoloop.component.setting import About
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, DosesAndMeals, UsualDay, usual_day
 from glucoloop.forecasts.linear_filter import (
     LinearSystem,
     discretised,
@@ -42,7 +42,6 @@ from glucoloop.forecasts.linear_filter import (
     steady_gains,
 )
 from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, origins_of
-from glucoloop.forecasts.usual_day import DosesAndMeals, UsualDay, usual_day
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values

@@ -16,10 +16,17 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from glucoloop._lazy_jax import np
 from glucoloop.component.setting import About
-from glucoloop.forecasts.effects import effect_of_future, effect_of_history
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY
-from glucoloop.forecasts.method import ANCHORS, ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
-from glucoloop.forecasts.usual_day import UsualDay, usual_day
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, UsualDay, usual_day
+from glucoloop.forecasts.method import (
+    ANCHORS,
+    ForecastMethod,
+    GlucoseForecast,
+    Predictor,
+    effect_of_future,
+    effect_of_history,
+    last_readings,
+    origins_of,
+)
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values

@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final
 
-from glucoloop.forecasts.catalogue import METHODS
-from glucoloop.forecasts.method import ForecastMethod
+from glucoloop.forecasts.method import METHODS, ForecastMethod
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.studies.record_report import RecordRequest
