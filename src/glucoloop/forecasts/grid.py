@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 SAMPLE_MIN: Final = 5.0
 SAMPLES_PER_DAY: Final = round(MIN_PER_DAY / SAMPLE_MIN)
+HARMONICS: Final = 4
 _MIN_READINGS_OF_A_DAY: Final = 24
 """Readings with which a day counts as one: two hours of them, or a day of one an hour."""
 _SAME_RATE: Final = 0.05
@@ -304,3 +305,10 @@ def smoothed_day(values: Values, days: int, window_min: float) -> Values:
     around = np.concatenate([day[day.size - half :], day, day[:half]])
     result: Values = np.convolve(around, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
     return result
+
+
+def daily_waves(clock: Places) -> Values:
+    """A constant and four harmonics of the time of day, ``(samples, 9)``."""
+    phase = 2.0 * np.pi * clock / SAMPLES_PER_DAY
+    waves = [wave(order * phase) for order in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)]
+    return np.stack([np.ones(clock.size), *waves], axis=-1)
