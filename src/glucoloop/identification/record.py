@@ -33,21 +33,21 @@ MOSTLY = 0.5
 """Part of the rows without insulin above which the column is taken to hold boluses."""
 
 
-def refuse_unusual_times(times_min: Floats) -> None:
+def _refuse_unusual_times(times_min: Floats) -> None:
     """Refuse times that look like hours, seconds or days."""
     if times_min.size > 1:
         step = float(np.median(np.diff(times_min)))
         _refuse_unusual(step, ROW_STEP, f"the rows of t_min are {_short(step)} min apart as a rule")
 
 
-def refuse_unusual_glucose(glucose_mg_dl: Floats) -> None:
+def _refuse_unusual_glucose(glucose_mg_dl: Floats) -> None:
     """Refuse readings that look like mmol/l."""
     if not np.isnan(glucose_mg_dl).all():
         median = float(np.nanmedian(glucose_mg_dl))
         _refuse_unusual(median, GLUCOSE, f"the median of glucose_mg_dl is {_short(median)} mg/dl")
 
 
-def refuse_unusual_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: float) -> None:
+def _refuse_unusual_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: float) -> None:
     """Refuse rates that look like U/h or mU/h, and boluses in U."""
     given = insulin_mU_min[insulin_mU_min > 0.0]
     if not given.size:
@@ -173,8 +173,8 @@ def record_from_samples(
     times, insulin, glucose = _columns(t_min, insulin_mU_min, glucose_mg_dl)
     carbs = None if carbs_g is None else _carbs(carbs_g, times.size)
     if not allow_unusual:
-        refuse_unusual_times(times)
-        refuse_unusual_glucose(glucose)
+        _refuse_unusual_times(times)
+        _refuse_unusual_glucose(glucose)
     read = np.flatnonzero(~np.isnan(glucose))
     _refuse_gaps(times[read], max_gap_min)
     span = times[read[-1]] - times[read[0]] if read.size else 0.0
@@ -194,7 +194,7 @@ def record_from_samples(
         carbs_g=None if carbs is None else jnp.asarray(_eaten(times, carbs, grid, sample_time)),
     )
     if not allow_unusual:
-        refuse_unusual_insulin(insulin, float(record.insulin_mU_min.mean()), float(np.median(np.diff(times))))
+        _refuse_unusual_insulin(insulin, float(record.insulin_mU_min.mean()), float(np.median(np.diff(times))))
     return record, notes
 
 
