@@ -146,10 +146,8 @@ class League(Component):
         rescue = self.rescue if subcutaneous or "rescue" in self.explicit else None
         titrated = {"profile_by": self.profile_by} if subcutaneous else {}
         metrics = {} if rescue is None else {"metrics": (METRICS.choose("rescues"),)}
-        return {**titrated, **metrics, "rescue": rescue, **self._of_all()}
-
-    def _of_all(self) -> dict[str, Any]:
-        return {"glucagon": self.glucagon, "profile_error": self.profile_error, "seed": self.seed}
+        of_all = {"glucagon": self.glucagon, "profile_error": self.profile_error, "seed": self.seed}
+        return {**titrated, **metrics, "rescue": rescue, **of_all}
 
     def uses(self) -> frozenset[Need]:
         """Everything: what one controller or scenario has no use for, another one has."""
