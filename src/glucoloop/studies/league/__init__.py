@@ -23,8 +23,9 @@ from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS, SensorComponent
 from glucoloop.situations.case import Case, cases_of, label_of
-from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent, WrongProfile
-from glucoloop.situations.situation import Glucagon, ProfileBy
+from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent
+from glucoloop.situations.situation import Glucagon
+from glucoloop.situations.therapy_settings import ProfileBy, WrongProfile
 from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
 from glucoloop.units import LARGEST_SEED
 
