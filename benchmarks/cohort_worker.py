@@ -26,11 +26,11 @@ from closed_loop import MEALS
 from glucoloop._pytree import pytree
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.meals import Meal, Scenario, eaten
-from glucoloop.simulation import Adaptive, cohort, driven_block
+from glucoloop.simulation import Adaptive, cohort, people_plant
 from glucoloop.simulation.cohort import People
 from glucoloop.situations.situation import configured
 from glucoloop.trials import engine
-from glucoloop.trials.blocks import block_size
+from glucoloop.trials.people import block_size
 from glucoloop.trials.trial import Trial
 
 NOISE = ["white-noise, variance=1.45"]
@@ -122,7 +122,7 @@ def parts(situation: str, precision: str, people: int) -> dict[str, float]:
         ("drawing meals", Trial, "drawn_days"),
         ("random keys", engine, "keys_of_people"),
         ("kernel", made._engine._kernel, "run"),
-        ("matrices of insulin", driven_block, "driven_matrices"),
+        ("matrices of insulin", people_plant, "driven_matrices"),
         ("histograms", engine._Counts, "_count"),
         ("loop", made, "follow"),
     ]

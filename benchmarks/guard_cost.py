@@ -1,4 +1,4 @@
-"""Measure what a guard costs a controller under the skin, and what it buys: the same people with it and without.
+"""Measure what a guard costs and buys with subcutaneous insulin: the same people with it and without.
 
     python benchmarks/guard_cost.py [--json] [--people N] [--seed N] [--case NAME ...] [--controller TEXT ...]
 
@@ -26,7 +26,7 @@ from glucoloop.control.part import ControllerComponent
 from glucoloop.pumps import DoseLimits
 
 TIMES = 10.0
-CONTROLLERS = ("profile-mpc", "basal-bolus", "pid", "guard_cost:Reckless", "basal")
+CONTROLLERS = (*subcutaneous.EXPECTING_A_MONITOR, "basal-bolus", "pid", "guard_cost:Reckless", "basal")
 CASES = [case for case in subcutaneous.CASES if case.endswith("white")]
 REPORTED = (*subcutaneous.REPORTED, "ever_below_54_pct")
 
@@ -64,7 +64,7 @@ class Reckless(ControllerComponent, name="reckless"):
 
 def pair(case: str, people: int, seeds: list[int], text: str) -> list[dict[str, Any]]:
     """Figures of a controller without the guard and with it, for people of each seed."""
-    asked = subcutaneous.TUNED[case.split(", ")[2]] if text == "profile-mpc" else text
+    asked = text + (subcutaneous.TUNED[case.split(", ")[2]] if text in subcutaneous.EXPECTING_A_MONITOR else "")
     rows = []
     for guard in ("none", "usual"):
         for row in subcutaneous.measured(case, people, seeds, f"{asked}, guard={guard}"):
@@ -94,7 +94,7 @@ def main() -> None:
     asked = parser.parse_args()
     if not asked.json:
         print("| case | controller | seed | people | 70-180, % | < 70, % | < 54, % | ever < 54, % |")
-        print("| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: |")
+        print("| :--- | :--- |" + 6 * " ---: |")
     rows: list[dict[str, Any]] = []
     for case in subcutaneous.CASES if asked.case else CASES:
         if not any(case.startswith(wanted) for wanted in asked.case or [""]):

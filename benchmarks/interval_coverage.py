@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from glucoloop.trials.intervals import PairedDifferences
 from glucoloop.trials.people import PeopleRows
+from glucoloop.trials.statistics import PairedDifferences
 
 METRICS = ("time_70_180_pct", "time_above_250_pct", "time_below_70_pct", "time_below_54_pct", "mean_mg_dl")
 LIMITS = (70, 54)

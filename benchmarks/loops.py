@@ -1,10 +1,11 @@
 """Measure controllers whose decisions have loops beside linear MPC: a day of a trial by native code, in turns.
 
     python benchmarks/loops.py [--people N] [--repeats N] [--precision float32|float64] [--controller TEXT ...]
+                               [--patient NAME]
 
-Three meals, 5-min samples, `parker2000`, one thread. Times are of the processor, so that what else runs on the machine
-disturbs less; the best of the repeats count. *Compiling* is lowering and LLVM together, without the controller's
-design; *kernel* is the compiled loop alone, and *slower* is its time in that of linear MPC.
+Three meals, 5-min samples, the default people of a patient, one thread. Times are of the processor, so that what else
+runs on the machine disturbs less; the best of the repeats count. *Compiling* is lowering and LLVM together, without the
+controller's design; *kernel* is the compiled loop alone, and *slower* is its time in that of the first controller.
 """
 
 from __future__ import annotations
@@ -50,11 +51,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--precision", choices=("float32", "float64"), default="float32")
     parser.add_argument("--controller", nargs="+", default=CONTROLLERS)
+    parser.add_argument("--patient", default="parker-1999")
     asked = parser.parse_args()
     prepared, compiling = {}, {}
     for name in asked.controller:
         with timed(NativeEngine, "__init__") as seconds:
-            keys = {"people": 1, "seed": 1, "precision": asked.precision, "controller": [name]}
+            keys = {"patient": asked.patient, "people": 1, "seed": 1, "precision": asked.precision}
+            keys["controller"] = [name]
             prepared[name] = engine.prepare(configured(Trial, keys))
         compiling[name] = sum(seconds)
     trials: dict[str, list[float]] = {name: [] for name in prepared}

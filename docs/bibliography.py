@@ -6,7 +6,7 @@ python docs/bibliography.py
 import re
 from pathlib import Path
 
-from glucoloop.component.references import known_references, reference
+from glucoloop.component.listing import known_references, reference
 
 PAPER = Path(__file__).resolve().parent.parent / "paper/paper.md"
 PROGRAMS = {

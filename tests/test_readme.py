@@ -11,8 +11,8 @@ from device_files import clarity
 from glucoloop.cli import app
 from glucoloop.cli.request import command_request
 from glucoloop.component.code import loaded
+from glucoloop.component.request import read_root
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import read_root
 from glucoloop.studies.catalogue import STUDIES
 from naming import naming
 

@@ -44,6 +44,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import Surroundings, surroundings_of
+from glucoloop.component.request import configuration_from
 from glucoloop.control import Decision, Observation, Status
 from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord, gridded_record
 from glucoloop.patients.catalogue import patient_entry
@@ -55,7 +56,6 @@ from glucoloop.records import DeviceRecord
 from glucoloop.records.record import SCHEMA
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
-from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.therapy import Profile, given_profile
 from glucoloop.twins import (

@@ -6,8 +6,7 @@ the time in each range.
 
 from glucoloop.metrics.readings import Readings, numbers_of
 from glucoloop.reporting.record_figure import plot_records
-from glucoloop.reporting.record_goals import GOALS
-from glucoloop.reporting.record_groups import ReportedRecord
+from glucoloop.reporting.record_groups import GOALS, ReportedRecord
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop

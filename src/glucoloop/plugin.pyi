@@ -8,12 +8,12 @@ from glucoloop.component.pytree_component import PytreeComponent as PytreeCompon
 from glucoloop.component.pytree_component import derived as derived
 from glucoloop.component.pytree_component import derived_static as derived_static
 from glucoloop.component.pytree_component import wired as wired
-from glucoloop.component.ranges import Tuned as Tuned
 from glucoloop.component.request import Request as Request
 from glucoloop.component.request import by_default as by_default
 from glucoloop.component.request import completed as completed
 from glucoloop.component.setting import About as About
 from glucoloop.component.setting import Default as Default
+from glucoloop.component.setting import Tuned as Tuned
 from glucoloop.control.action import ActionComponent as ActionComponent
 from glucoloop.control.design_case import DesignCase as DesignCase
 from glucoloop.control.glucagon import GlucagonComponent as GlucagonComponent

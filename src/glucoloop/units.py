@@ -1,13 +1,18 @@
-"""Units: the conversion constants of the project, the units in use of each quantity, and conversions of numbers.
+"""Units: the conversion constants of the project, the units in use, and numbers as a person writes them.
 
 Everything is computed in mg/dl, mU/min, min, g and U, and names that cross a boundary end in their unit. Multiply by a
-constant to convert, divide to convert back. Functions take numbers and arrays alike, of NumPy and JAX too.
+constant to convert, divide to convert back. Functions take numbers and arrays alike, of NumPy and JAX too. The largest
+numbers that several layers share stand here too.
 """
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from typing import Final, Protocol, Self, TypeVar
+
+from glucoloop.refusal import Refusal
 
 
 class _Scalable(Protocol):
@@ -105,11 +110,36 @@ def mu_min_from_u_h(insulin_U_h: Number) -> Number:
     return insulin_U_h * MU_PER_U / MIN_PER_H
 
 
-def pmol_min_from_mu_min(insulin_mU_min: Number) -> Number:
-    """Insulin rate in pmol/min, the unit of many physiological models."""
-    return insulin_mU_min / MU_MIN_PER_PMOL_MIN
+UNITS_OF_TIME: Final = {"min": 1.0, "m": 1.0, "h": MIN_PER_H, "d": MIN_PER_DAY}
+"""Minutes in each unit in which a time may be written."""
+# No two parts in a row can take the same characters: a long text that is no number is refused as fast as it is read.
+NUMBER: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+"""Pattern of a number, to be used with ``re.ASCII``."""
 
 
-def mu_min_from_pmol_min(insulin_pmol_min: Number) -> Number:
-    """Insulin rate in mU/min, from pmol/min."""
-    return insulin_pmol_min * MU_MIN_PER_PMOL_MIN
+def number_of(text: str) -> float:
+    """A number from its text; ValueError for none, also one with underscores or digits of another script."""
+    if not text.isascii() or "_" in text:
+        raise Refusal(f"{text!r} is no number; write it in digits from 0 to 9, without underscores")
+    return float(text)
+
+
+def parse_time_of_day(text: str) -> float:
+    """Minutes after midnight from a text like 07:30."""
+    result = re.fullmatch(r"([0-9]{1,2}):([0-5][0-9])", text.strip())
+    minutes = math.nan if result is None else int(result[1]) * MIN_PER_H + int(result[2])
+    if not minutes < MIN_PER_DAY:
+        raise Refusal(f"{text!r} is no time of day; write it like 07:30, from 00:00 to 23:59")
+    return minutes
+
+
+LARGEST_COUNTER: Final = 2**32 - 1
+"""Largest seed of people, number of a person, or index."""
+LARGEST_SEED: Final = 2**32 - 1
+"""Largest seed of a sensor."""
+MAX_PEOPLE: Final = 1_000_000_000
+MAX_DAYS: Final = 366
+LONGEST_RUN_MIN: Final = 366 * 1440.0
+LARGEST_MEAL_G: Final = 1000.0
+LONGEST_AHEAD_MIN: Final = 180.0
+"""Longest time before eating at which a meal may be announced."""

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.cli.app import command_of, names
-from glucoloop.cli.option import SET
+from glucoloop.cli.command import SET
 from glucoloop.cli.request import command_request
+from glucoloop.component.request import configuration_from, read_root
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import configuration_from, read_root
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation
 from glucoloop.situations.toml import toml_text

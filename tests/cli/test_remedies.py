@@ -16,7 +16,7 @@ from naming import naming
 ROOT = Path(glucoloop.__file__).parent
 OPTIONS = {name: {"--help", *(option.flag for option in command_of(name).options)} for name in names()}
 WRITING = frozenset(name for name in OPTIONS if "--out" in OPTIONS[name])
-FILE = {"cli/output_file.py": frozenset({"lab", "records"})}
+FILE = {"cli/screen.py": frozenset({"lab", "records"})}
 SHARED = {
     "cli/command.py": None,  # what is said of an option that was typed
     "cli/request.py": None,

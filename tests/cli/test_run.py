@@ -307,5 +307,7 @@ def test_a_therapy_by_the_clock_is_written_as_a_profile_from_which_the_same_run_
     glucoloop("run", *day, *own, "--override", "exercise, from=10h, to=12h, insulin=70%", "--out", "sport")
     assert (tmp_path / "sport/profile.json").read_bytes() == (tmp_path / "first/profile.json").read_bytes()
     assert "exercise" in (tmp_path / "sport/run.toml").read_text()
+    glucoloop("compare", *day, *own, "--change", "basal, +10%", "--out", "changed")
+    assert (tmp_path / "changed/profile.json").read_bytes() == (tmp_path / "first/profile.json").read_bytes()
     glucoloop("run", *day, "--out", "constant")
     assert not (tmp_path / "constant/profile.json").exists()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from glucoloop.component.number_text import number_of
+from glucoloop.units import number_of
 
 
 @pytest.mark.parametrize("text", ["1_0", "١٠", "１", "1e1_0", "x", ""])

@@ -8,7 +8,7 @@ import yaml
 
 import glucoloop
 from glucoloop.component.catalogue import catalogues
-from glucoloop.component.references import known_references, reference
+from glucoloop.component.listing import known_references, reference
 
 PARTS = [part for kind in catalogues().values() for part in kind.values()]
 USED = {source for part in PARTS for source in part.sources}

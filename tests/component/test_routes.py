@@ -6,14 +6,13 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.component.grammar import as_tree
-from glucoloop.component.request import completed
+from glucoloop.component.request import completed, configuration_from
 from glucoloop.component.routes import PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.patients.catalogue import PATIENTS, patient_entry
 from glucoloop.patients.component import OperatingPoint, PatientComponent
 from glucoloop.simulation.closed_loop import usual_limits
-from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 
 

@@ -8,10 +8,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.component.grammar import as_tree
+from glucoloop.component.request import configuration_from
 from glucoloop.control import LinearMPC
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
-from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.studies.identification import ModelRequest

@@ -25,9 +25,8 @@ from glucoloop.situations.toml import read_file
 from glucoloop.snapshot import pack, unpack
 from glucoloop.storage.disk import read_sums, sums_text
 from glucoloop.storage.folder import SUMS
-from glucoloop.storage.origin import Origin
-from glucoloop.storage.results import Results
-from glucoloop.storage.tables import parquet
+from glucoloop.storage.results import Results, parquet
+from glucoloop.storage.resumable import Origin
 from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.record_report.sources import _table_of
 from glucoloop.studies.replay import twin_values
@@ -41,15 +40,14 @@ RAW = {"read_bytes", "read_text", "read_parquet", "read_csv", "read_json", "load
 """Methods and functions that read a file, or a text of one, without a check of ours."""
 OWNERS = {"json", "tomllib", "pickle", "np", "numpy", "pl", "os", "zipfile", "gzip", "csv"}
 DOORS = {
-    "user_file.py": "the door itself: a regular file of a bounded size",
+    "private_folder.py": "the door itself: a regular file of a bounded size",
     "schema/values.py": "the door itself: JSON of a declared form",
     "schema/tables.py": "the door itself: Parquet of declared columns",
     "storage/disk.py": "the door itself: a file of a folder of ours",
     "storage/files.py": "the door itself: text of a bounded size",
     "situations/toml.py": "the door itself: TOML of a bounded depth",
     "records/file_text.py": "the door itself: files of strangers",
-    "storage/results.py": "JSON that was just made",
-    "storage/tables.py": "CSV of the text of a door",
+    "storage/results.py": "JSON that was just made, and CSV of the text of a door",
     "storage/resumable.py": "compared with what is expected, byte by byte",
     "records/user_files.py": "parts of an archive from a door, of a bounded size",
     "records/web_request.py": "answers of a site, of a bounded size and time",
@@ -60,11 +58,11 @@ DOORS = {
     "firmware/hil/link.py": "memory of the device that the build made",
     "firmware/hil/build.py": "the image that the build made",
     "firmware/checks.py": "results of the compiler that just ran",
-    "native/targets/wasm/module.py": "results of the compiler that just ran",
+    "native/targets/wasm/__init__.py": "results of the compiler that just ran",
     "cli/app.py": "the null device",
     **dict.fromkeys(
         (
-            "component/references.py",
+            "component/listing.py",
             "firmware/chips.py",
             "native/targets/c/numbers.py",
             "reporting/template.py",

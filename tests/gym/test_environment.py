@@ -22,8 +22,8 @@ from glucoloop.gym.environment import GlucoseEnv, GlucoseVectorEnv
 from glucoloop.gym.people import DosedPeople, _Nothing
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
-from glucoloop.trials.blocks import block_size
 from glucoloop.trials.engine import brought, loop_of, people_of
+from glucoloop.trials.people import block_size
 from glucoloop.trials.trial import Trial
 
 DAY = {

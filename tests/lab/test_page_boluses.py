@@ -31,6 +31,12 @@ LINKS = {
     "predictive, in a guard, told before eating and late": (
         f"{PREDICTIVE}&meals=40g@91min&guard=usual&announce_before_min=45&habits=announced-late,+minutes=10{MONITOR}"
     ),
+    "predictive, by therapy settings alone": (
+        f"{PREDICTIVE.replace('profile', 'therapy').replace('hovorka-2004', 'wilinska-2010')}{MONITOR}"
+    ),
+    "predictive, by therapy settings alone, in a guard": (
+        f"{PREDICTIVE.replace('profile', 'therapy').replace('hovorka-2004', 'uva-padova-2008')}&guard=usual{MONITOR}"
+    ),
 }
 """Loops whose traces are compared with those of glucoloop."""
 CLOSE_MG_DL = 0.02

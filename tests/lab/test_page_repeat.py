@@ -11,9 +11,9 @@ import pytest
 
 from glucoloop.cli.app import command_of, main
 from glucoloop.cli.request import command_request
+from glucoloop.component.request import configuration_from
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.template import render
-from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text
 from glucoloop.units import MG_DL_PER_MMOL_L, u_h_from_mu_min

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan, draw_days
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.trials.trial import Trial
+from glucoloop.units import parse_time_of_day
 
 PEOPLE = np.arange(4000)
 

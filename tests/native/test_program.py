@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.native.divisions import _QUOTIENTS_A_DIVISION, share_divisions
 from glucoloop.native.interpreter import interpret
-from glucoloop.native.lower import Layout, lower
+from glucoloop.native.lower import _QUOTIENTS_A_DIVISION, Layout, lower, share_divisions
 from glucoloop.native.program import BOOL, CONSTANT, FLOAT, PERSON, SAMPLE, Program
 from glucoloop.native.targets.llvm.chunks import plan_chunks
 from glucoloop.native.targets.llvm.emit import _fused_products

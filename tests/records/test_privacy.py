@@ -11,8 +11,7 @@ import glucoloop as gl
 from device_files import FILES, NAME, SERIAL, SURNAME
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.reporting.record_goals import GOALS
-from glucoloop.reporting.record_groups import ReportedRecord
+from glucoloop.reporting.record_groups import GOALS, ReportedRecord
 from glucoloop.reporting.record_page import record_page
 
 PLANTED = "Vorderbrandner"

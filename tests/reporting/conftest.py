@@ -17,7 +17,7 @@ from glucoloop.studies.trial.report import (
     WorstPerson,
     ranges_pct,
 )
-from glucoloop.trials.quantiles import BAND_QUANTILES
+from glucoloop.trials.statistics import BAND_QUANTILES
 from glucoloop.tuning.surface import TuningSurface
 from made_trace import trace_of
 

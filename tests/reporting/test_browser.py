@@ -11,8 +11,7 @@ from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
 from glucoloop.metrics.readings import Readings, numbers_of
 from glucoloop.reporting import Repeat, interactive_page
-from glucoloop.reporting.record_goals import GOALS
-from glucoloop.reporting.record_groups import ReportedRecord
+from glucoloop.reporting.record_groups import GOALS, ReportedRecord
 from glucoloop.reporting.record_page import record_page
 from glucoloop.reproduction.parker1999 import POINTS
 from glucoloop.reproduction.parker1999.comparison import ENTRIES, ComparedEntry, Reproduced

@@ -5,8 +5,7 @@ import pytest
 
 from glucoloop.metrics.readings import Readings, day_profile, numbers_of
 from glucoloop.reporting.record_figure import plot_records
-from glucoloop.reporting.record_goals import GOALS
-from glucoloop.reporting.record_groups import ReportedRecord
+from glucoloop.reporting.record_groups import GOALS, ReportedRecord
 from glucoloop.reporting.record_page import MAX_IN_FULL
 from monitor_records import with_gaps
 

@@ -11,8 +11,7 @@ import pytest
 from glucoloop.metrics.readings.catalogue import MEASURES, numbers_of
 from glucoloop.metrics.readings.profile import day_profile
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.reporting.record_goals import GOALS
-from glucoloop.reporting.record_groups import ReportedRecord
+from glucoloop.reporting.record_groups import GOALS, ReportedRecord
 from glucoloop.reporting.record_page import MAX_IN_FULL, record_page
 from monitor_records import with_gaps
 

@@ -5,10 +5,10 @@ import datetime as dt
 import numpy as np
 import polars as pl
 
+from glucoloop.component.request import configuration_from
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.records import DeviceRecord
 from glucoloop.records.record import SCHEMA
-from glucoloop.situations.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.studies.closed_loop import close_the_loop
 

@@ -80,6 +80,7 @@ def drawn(count, seed):
         "low_temptarget_lowers_sensitivity": chance(0.5),
         "half_basal_exercise_target": np.round(uniform(110.0, 200.0, count)),
         "autosens_max": np.round(uniform(1.0, 1.5, count), 2),
+        "exercise_mode": chance(0.2),
     }
 
 
@@ -116,6 +117,7 @@ def arguments(of):
         low_temptarget_lowers_sensitivity=of["low_temptarget_lowers_sensitivity"],
         half_basal_exercise_target_mg_dl=of["half_basal_exercise_target"],
         autosens_max=of["autosens_max"],
+        exercise_mode=of["exercise_mode"],
     )
     records = (
         GlucoseStatus(
@@ -177,6 +179,7 @@ OF_OREF0 = {
     "low_temptarget_lowers_sensitivity": "low_temptarget_lowers_sensitivity",
     "half_basal_exercise_target": "half_basal_exercise_target",
     "autosens_max": "autosens_max",
+    "exercise_mode": "exercise_mode",
 }
 
 

@@ -3,7 +3,7 @@
 from glucoloop.cli.app import command_of
 from glucoloop.cli.request import command_request
 from glucoloop.component.code import loaded
-from glucoloop.situations.request import configuration_from
+from glucoloop.component.request import configuration_from
 from glucoloop.studies.catalogue import STUDIES
 
 

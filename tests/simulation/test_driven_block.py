@@ -10,8 +10,8 @@ from glucoloop.patients import SorensenPatient
 from glucoloop.patients.population import Population, draw
 from glucoloop.patients.sorensen.varying import with_values
 from glucoloop.patients.variation import Variation
-from glucoloop.simulation.driven_block import doublings_for, driven_matrices
 from glucoloop.simulation.exponential import design
+from glucoloop.simulation.people_plant import doublings_for, driven_matrices
 
 EVERYTHING = Population(
     "everything",

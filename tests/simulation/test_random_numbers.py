@@ -8,12 +8,12 @@ import pytest
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.faults import FAULTS
 from glucoloop.native.lower import lower
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.native.words import lower_drawing
 from glucoloop.pumps import PUMPS
 from glucoloop.pumps.protocol import deliver
 from glucoloop.sensors import SENSORS
-from glucoloop.simulation.draws import draws
+from glucoloop.simulation.engines import draws
 from glucoloop.situations.situation import Situation, configured
 
 KEY, INDEX = jax.random.key(3), jnp.zeros((), int)

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.refusal import Refusal
-from glucoloop.situations.changes import BolusShift, CarbCount, read_change, text_of_change
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.situations.therapy_text import BolusShift, CarbCount, read_change, text_of_change
 from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.studies.run import Comparison
 from glucoloop.therapy import TARGET, TherapyChange
@@ -77,7 +77,10 @@ def test_any_text_is_a_change_or_refused_in_a_sentence(text):
         ("basal, +3000%", "10% to 1000%"),
         ("basal", "write it like"),
         ("bolus, 15 min", "15 min earlier"),
-        ("bolus, 15 min earlier, breakfast", "without hours"),
+        ("bolus, 15 min earlier, breakfast", "hours 'breakfast', and the boluses of all meals move.*'bolus, 15 min ea"),
+        ("bolus, 15 min earlier, 6h-10h", "hours '6h-10h'.*'carb_ratio, -10%, breakfast'"),
+        ("carbs, 20% too low, 25h", "hours '25h', and the carbohydrate of all meals.*'carbs, 20% too low'"),
+        ("bolus, soon, 6h-10h", "tells no time"),
         ("bolus, 0 min earlier", "up to 180 min"),
         ("bolus, 4h later", "up to 180 min"),
         ("bolus, +10%", "carb_ratio, -10%"),
@@ -100,6 +103,9 @@ def test_a_wrong_text_is_refused(text, says):
         (["carb_ratio, 8"], {"announce_meals": False}, "meals are not announced.*--announce-meals"),
         (["carb_ratio, 8"], {"controller": ["basal-bolus, carb_ratio_g_U=9"]}, "its own carb_ratio_g_U=9"),
         (["basal, +10%"], {"controller": ["mpc"]}, "mpc does not use the profile of a person"),
+        (["carb_ratio, 8"], {"controller": ["mpc"], "guard": "usual"}, "mpc does not use the carbohydrate ratio"),
+        (["correction, 30"], {"controller": ["pid-ifb"]}, "pid-ifb does not use the correction factor of a person"),
+        (["carb_ratio, 8"], {"controller": ["pid-ifb, meal_bolus=0"]}, "pid-ifb does not use the carbohydrate ratio"),
         (["carbs, 20% too low"], {"controller": ["mpc"]}, "mpc does not use announcements"),
         (["target, 120"], {"controller": ["basal"]}, "basal does not use readings"),
         (["bolus, 15 min earlier"], {"controller": ["meal-mpc"]}, "before a meal is eaten"),

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.physiology.exercise import Exercise
-from glucoloop.situations.exercise_text import exercise_text, parse_exercise, same_exercise
+from glucoloop.situations.meal_text import exercise_text, parse_exercise, same_exercise
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.cli.option import options_of
+from glucoloop.cli.command import options_of
 from glucoloop.cli.request import notes_without_effect
 from glucoloop.component.effects import OF_CONTROLLERS, NoEffectWarning
 from glucoloop.control import guarded
@@ -146,6 +146,7 @@ NOTED = [
             "allow_smb_with_high_temptarget": "true",
             "enable_smb_with_temptarget": "true",
             "high_temptarget_raises_sensitivity": "true",
+            "exercise_mode": "true",
             "low_temptarget_lowers_sensitivity": "true",
             "half_basal_exercise_target_mg_dl": 140,
             "autosens_max": 1.3,

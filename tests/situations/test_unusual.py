@@ -3,7 +3,7 @@
 import pytest
 
 from glucoloop.component.grammar import as_tree
-from glucoloop.situations.request import configuration_from
+from glucoloop.component.request import configuration_from
 from glucoloop.situations.run import Run
 from glucoloop.trials.trial import Trial
 

@@ -5,8 +5,8 @@ import pytest
 
 from forecast_records import gridded
 from glucoloop.refusal import Refusal
-from glucoloop.situations.changes import read_change
 from glucoloop.situations.situation import configured
+from glucoloop.situations.therapy_text import read_change
 from glucoloop.studies.replay import ReplayRequest
 from glucoloop.studies.replay.changed_doses import CalculatorNumbers, changed_doses
 from glucoloop.studies.replay.study import _record

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
-from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import Tuned
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
@@ -19,7 +19,7 @@ from glucoloop.studies.robust import RANGES, Search
 from glucoloop.studies.robust.search import SearchEngine, _tuning_of
 from glucoloop.studies.robust.study import notes
 from glucoloop.studies.robust.tuning_loop import METRICS, TuningLoop, draw_subjects
-from glucoloop.trials import blocks
+from glucoloop.trials import people
 from glucoloop.trials.trial import Trial
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
@@ -107,7 +107,7 @@ def test_blocks_make_no_difference(subjects, loop, monkeypatch):
     tunings = [{"filter_min": value} for value in (1.0, 2.0, -1.0, 3.0)]
     whole = list(loop.run(subjects, tunings))
     assert [metrics is None for metrics in whole] == [False, False, True, False]  # the third one is refused
-    monkeypatch.setitem(blocks._SIZES, "native", 8)
+    monkeypatch.setitem(people._SIZES, "native", 8)
     for one, other in zip(whole, loop.run(subjects, tunings), strict=True):
         for name in METRICS if one is not None else ():
             np.testing.assert_array_equal(one[name], other[name])

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from glucoloop.trials.blocks import in_blocks
+from glucoloop.trials.people import in_blocks
 
 
 @pytest.mark.parametrize("threads", [1, 3])

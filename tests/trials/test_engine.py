@@ -17,9 +17,9 @@ from glucoloop.metrics.metric import default_results
 from glucoloop.patients.population import virtual_people
 from glucoloop.simulation import Exponential, simulate
 from glucoloop.situations.situation import configured
-from glucoloop.trials import blocks
+from glucoloop.trials import people
 from glucoloop.trials.engine import prepare, run_people
-from glucoloop.trials.quantiles import glucose_edges, insulin_edges
+from glucoloop.trials.statistics import glucose_edges, insulin_edges
 from glucoloop.trials.trial import Trial
 
 METRIC_NAMES = [result.name for result in default_results()]
@@ -55,7 +55,7 @@ def prepared(trial):
 def small_blocks():
     """Blocks of a few people, so that there are several."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(blocks._SIZES, "native", 4)
+        patch.setitem(people._SIZES, "native", 4)
         yield
 
 

@@ -8,17 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from glucoloop.trials.intervals import (
+from glucoloop.trials.people import PeopleRows
+from glucoloop.trials.statistics import (
     FEWEST_DIFFERENT,
     Margin,
+    Moments,
     PairedDifferences,
     mean_interval,
     people_for,
     share_difference_interval,
     share_interval,
 )
-from glucoloop.trials.people import PeopleRows
-from glucoloop.trials.quantiles import Moments
 
 
 def moments_of(values):

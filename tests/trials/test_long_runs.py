@@ -10,7 +10,7 @@ from glucoloop.situations.situation import configured
 from glucoloop.trials import engine
 from glucoloop.trials import trial as trials
 from glucoloop.trials.engine import prepare, run_people
-from glucoloop.trials.quantiles import bin_numbers, glucose_edges, insulin_edges, times_pct
+from glucoloop.trials.statistics import bin_numbers, glucose_edges, insulin_edges, times_pct
 from glucoloop.trials.trial import Trial
 
 KEYS = {

@@ -28,7 +28,7 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.trials import engine
-from glucoloop.trials.blocks import in_blocks
+from glucoloop.trials.people import in_blocks
 from glucoloop.trials.trial import Trial
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.search import stack

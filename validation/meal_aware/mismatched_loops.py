@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, varying
 from glucoloop.build.designs import controller_of, with_guard
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.control.guard_settings import GuardSettings
@@ -30,11 +30,10 @@ from glucoloop.sensors import CorrelatedNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.situation import configured
 from glucoloop.therapy import Profile, given_profile
 from glucoloop.threefry import uniforms
-from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.people import block_size, in_blocks
 from glucoloop.trials.trial import Trial
 from glucoloop.tuning.search import move_slots
 from meal_aware.measures import Floats, Runs, numbers_at_samples

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._pytree import chosen, replaced, varying
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_records
 from glucoloop.build.surroundings import record_sensor
@@ -43,9 +44,8 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
 from glucoloop.refusal import Refusal
+from glucoloop.simulation.experiment import PulseExperiment
 from glucoloop.simulation.internal_model import linear_model, linear_model_at
-from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
-from glucoloop.simulation.pulse_experiment import PulseExperiment
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
 from glucoloop.therapy import given_profile

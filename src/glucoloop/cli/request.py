@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from glucoloop.cli.command import DEAD_TIME, NOISE, SET, CommandOption, Given, options_of
 from glucoloop.cli.errors import written_whole
-from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, options_of
 from glucoloop.cli.screen import for_terminal, note, stage
 from glucoloop.component.base import Component
 from glucoloop.component.grammar import NAME, NONE, Leaf, Tree, as_table, as_tables, as_tree, over, plain, put
+from glucoloop.component.request import configuration_from
 from glucoloop.patients.catalogue import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import configuration_from
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
@@ -262,7 +262,7 @@ def notes_without_effect(config: Component) -> tuple[str, ...]:
 
 
 def _note_changes(request: CommandRequest, now: Mapping[str, Any]) -> None:
-    from glucoloop.storage.origin import differences
+    from glucoloop.storage.resumable import differences
 
     then = {key: value for key, value in (request.used or {}).items() if key in now}
     changes = "; ".join(

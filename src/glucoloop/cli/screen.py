@@ -1,4 +1,4 @@
-"""Output of a command: results on standard output, and everything else on standard error.
+"""Output of a command: results on standard output, and the rest on standard error, or in one file.
 
 Whatever a command prints passes through here, where control characters become their escapes: a text of a file could
 otherwise command the terminal.
@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
+from glucoloop.refusal import Refusal
 from glucoloop.text import printable, printable_json, printable_lines, without_credentials
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
     from rich.segment import Segment
+
 
 _PIPED: Final = 200
 _WIDEST_TEXT: Final = 100
@@ -125,7 +127,7 @@ class _StandardOutput:
 
 def print_rows(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Print a CSV table with the names of its columns."""
-    from glucoloop.spreadsheet import write_rows
+    from glucoloop.text import write_rows
 
     write_rows(_StandardOutput(), names, rows)
 
@@ -143,3 +145,40 @@ def where_written(out: Path | None, files: Mapping[str, str]) -> str:
     if out is None:
         return "Nothing was written; --out DIR keeps tables, figures and the configuration."
     return f"Wrote {', '.join(files)} to {out}."
+
+
+def file_to_write(given: Mapping[str, Any]) -> Path | None:
+    """File that --out names, None if it names none.
+
+    One that is there and may not be replaced, and a place where no file can be written, are refused before anything is
+    computed for it.
+    """
+    if not given.get("out"):
+        return None
+    place = Path(str(given["out"]))
+    if place.is_file() and not given.get("overwrite"):
+        raise Refusal(f"{place} is there already; choose another file with --out, or add --overwrite to replace it")
+    from glucoloop.storage.disk import check_writable
+
+    with _refused(place):
+        check_writable(place)
+    return place
+
+
+def write_file(place: Path, data: bytes) -> None:
+    """Write a file whole or not at all; Refusal with the mend if the system does not let it."""
+    from glucoloop.storage.disk import put_file
+
+    with _refused(place):
+        put_file(place, data)
+
+
+@contextlib.contextmanager
+def _refused(place: Path) -> Iterator[None]:
+    from glucoloop.storage.disk import mend
+
+    try:
+        yield
+    except OSError as error:
+        ways = mend(error, "choose another place with --out")
+        raise Refusal(f"{place} cannot be written: {error.strerror}; {ways}") from None

@@ -59,7 +59,7 @@ class Component:
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
     sources: ClassVar[tuple[str, ...]] = ()
-    """Publications that the component is made after: keys of `component.references`, or whole references as texts."""
+    """Publications that the component is made after: keys of `references.toml`, or whole references as texts."""
     may_have: ClassVar[tuple[str, ...]] = ()
     """Reserved names that settings of this class may have all the same."""
     any_number: ClassVar[Quantity | None] = None
@@ -184,6 +184,11 @@ class Component:
     def values(self) -> dict[str, Any]:
         """Every setting with its value."""
         return {name: getattr(self, name) for name in self.settings()}
+
+    @classmethod
+    def narrowed(cls, component: Component, **changes: Any) -> Self:
+        """A component of this class with the settings of one of a class that extends it, and these changes."""
+        return cls(**{**{name: getattr(component, name) for name in cls.settings()}, **changes})
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Explicit settings as plain values, the same for TOML and JSON; with `whole` every setting."""

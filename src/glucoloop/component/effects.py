@@ -38,6 +38,8 @@ MEALS_ANNOUNCED: Final = Need("meals are not announced")
 AHEAD: Final = Need("nothing doses before a meal is eaten", "announcements before a meal is eaten")
 TIME_OF_DAY: Final = Need("nothing goes by the time of day", "the time of day")
 PROFILE: Final = Need("nothing doses by the profile of a person", "the profile of a person")
+CARB_RATIO: Final = Need("nothing doses by the carbohydrate ratio of a person", "the carbohydrate ratio of a person")
+CORRECTION: Final = Need("nothing doses by the correction factor of a person", "the correction factor of a person")
 BOLUSES: Final = Need("no boluses are given", "boluses")
 GLUCAGON: Final = Need("no glucagon is given")
 FORECASTS: Final = Need("nothing forecasts glucose", "forecasts of glucose")
@@ -45,7 +47,7 @@ TEMPORARY_TARGETS: Final = Need("no target is temporary")
 OTHERS_TO_COMPARE: Final = Need("there is one controller alone")
 INDIVIDUAL: Final = Need("no controller is designed", "anything of a person in its design")
 OF_CONTROLLERS: Final = frozenset(
-    {READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, BOLUSES, INDIVIDUAL, FORECASTS}
+    {READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, CARB_RATIO, CORRECTION, BOLUSES, INDIVIDUAL, FORECASTS}
 )
 """Needs that controllers may meet, by what they use or give."""
 
@@ -53,7 +55,7 @@ EVERYTHING: Final = OF_CONTROLLERS | {MEALS, EXERCISE, CHANCE, DEAD_TIME, GLUCAG
 """All needs, which a study of many situations meets in one or another."""
 ONLY_READINGS: Final = frozenset({READINGS})
 """Needs that most controllers meet."""
-DOSES_BY_PROFILE: Final = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, PROFILE})
+DOSES_BY_PROFILE: Final = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, PROFILE, CARB_RATIO, CORRECTION})
 """Needs that controllers meet which dose by the profile of a person, with boluses for announced meals."""
 
 

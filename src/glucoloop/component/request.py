@@ -2,6 +2,9 @@
 
 A text, a table of a file or Python gives a `Request`, whose values are checked one by one. `completed` makes the
 component with a value for every setting, once and whole; it knows its request, from which files are written.
+
+A file or the command line is read in two steps: types and bounds at once, without a numerical library, so that a
+refusal comes at once; the second step completes the request by defaults, which imports the patient.
 """
 
 from __future__ import annotations
@@ -195,3 +198,17 @@ def _components(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
 def with_article(noun: str) -> str:
     """A noun after its indefinite article."""
     return f"{'an' if noun[:1] in 'aeio' else 'a'} {noun}"
+
+
+def read_root(root: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = False) -> Request[P]:
+    """A request with bounds and types checked; implausible values are refused unless they were allowed."""
+    prepared = getattr(root, "prepared", dict)(tree)
+    return read(root, prepared, allow_unusual=allow_unusual or plain(tree.get("allow_unusual")) is True, source="")
+
+
+def configuration_from(root: type[P], tree: Mapping[str, Any]) -> P:
+    """A configuration from a tree of given values; what is at odds, or implausible together, is refused."""
+    whole = completed(read_root(root, tree))
+    if hasattr(whole, "refuse_unusual") and not getattr(whole, "allow_unusual", False):
+        whole.refuse_unusual()
+    return whole

@@ -14,15 +14,14 @@ from typing import Annotated, Any, ClassVar, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.effects import BOLUSES, PROFILE, READINGS, TEMPORARY_TARGETS, Need
+from glucoloop.component.effects import BOLUSES, CORRECTION, PROFILE, READINGS, TEMPORARY_TARGETS, Need
 from glucoloop.component.pytree_component import HOST, derived, wired
 from glucoloop.component.setting import About
 from glucoloop.control.around import ControllerAround
 from glucoloop.control.decision import is_known
 from glucoloop.control.protocol import Decision, DoseForecast, Observation, forecast_of, gives_boluses
-from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.unit_guess import GLUCOSE_BOUND
-from glucoloop.units import MU_PER_U
+from glucoloop.units import LONGEST_RUN_MIN, MU_PER_U
 
 _LONG_MIN: Final = 5e5
 """Time from which on no action begins, which a clock of a run does not pass; within the guard's bound on memories."""
@@ -58,7 +57,7 @@ class ActionComponent(ControllerAround):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the action meets by itself."""
-        return frozenset({READINGS, PROFILE, BOLUSES} if self.doses else ())
+        return frozenset({READINGS, PROFILE, CORRECTION, BOLUSES} if self.doses else ())
 
     @derived
     def first_min(self) -> float:

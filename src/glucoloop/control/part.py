@@ -14,8 +14,6 @@ from typing import Annotated, Any, ClassVar, Final, Self
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.arguments import is_traced
 from glucoloop.component.effects import (
-    AHEAD,
-    ANNOUNCEMENTS,
     BOLUSES,
     CHANCE,
     DOSES_BY_PROFILE,
@@ -23,15 +21,12 @@ from glucoloop.component.effects import (
     INDIVIDUAL,
     MEALS,
     MEALS_ANNOUNCED,
-    PROFILE,
-    READINGS,
     TIME_OF_DAY,
     Need,
 )
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, PytreeComponent, derived, wired
-from glucoloop.component.ranges import Tuned
 from glucoloop.component.routes import ROUTES
-from glucoloop.component.setting import About
+from glucoloop.component.setting import About, Tuned
 from glucoloop.control.design_case import DesignCase, check_rate, check_sample_time
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
@@ -127,7 +122,7 @@ class ControllerComponent(PytreeComponent):
     ``.3:.8:.05``; without it, the default value alone."""
     gives_boluses: ClassVar[bool] = False
     """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
-    used: ClassVar[frozenset[Need]] = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, CHANCE})
+    used: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE | {TIME_OF_DAY, CHANCE}
     """Needs that it meets, by what it uses; one that does not say it is taken to use everything."""
     slow: ClassVar[bool] = False
     """Whether it takes long to compile, up to a minute, and some twenty times as long as linear MPC to decide, so that

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Final
 
 from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
-from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, Need
+from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, CARB_RATIO, CORRECTION, Need
 from glucoloop.component.pytree_component import HOST, derived
 from glucoloop.component.setting import About
 from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, rate_at_start
@@ -109,7 +109,7 @@ class PIDIFB(OfPerson, name="pid-ifb"):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the controller meets; announcements where meals have a bolus."""
-        return super().uses() - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS, AHEAD})
+        return super().uses() - {CORRECTION} - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS, AHEAD, CARB_RATIO})
 
     @derived
     def daily_dose_U(self) -> jax.Array:

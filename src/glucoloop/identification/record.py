@@ -12,14 +12,12 @@ import numpy.typing as npt
 from jax import Array
 from numpy.typing import ArrayLike
 
-from glucoloop._pytree import pytree, static
-from glucoloop._representation import represented
+from glucoloop._pytree import pytree, represented, static
 from glucoloop.arguments import checked
-from glucoloop.component.number_text import number_of
 from glucoloop.identification import _check
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import CONFIRM_ARGUMENT, GLUCOSE, INSULIN_RATE, OtherUnit, Quantity, others_of
-from glucoloop.units import MIN_PER_DAY, MU_PER_U
+from glucoloop.units import MIN_PER_DAY, MU_PER_U, number_of
 
 ROW_STEP = Quantity(
     "the time from row to row",

@@ -39,7 +39,7 @@ from glucoloop.lab.pack import DATA, MODULE
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import FAMILIES, by_equations, meal_functions, plant_function
 from glucoloop.lab.people import draw_function, person_function
-from glucoloop.native.targets.wasm.module import numbers_per_person, tool_versions, wasm_module
+from glucoloop.native.targets.wasm import numbers_per_person, tool_versions, wasm_module
 from glucoloop.refusal import Refusal
 
 _GUARDED: Final = "_guarded"
@@ -60,7 +60,7 @@ def _functions(families: Sequence[str] = FAMILIES) -> dict[str, PageFunction]:
         if name in LOOPED:
             program = guard_program_of(family) if guard else program_of(name, family)
             if f"{program}_step" not in result:
-                additions = guard_functions(family) if guard else looped_functions(family)
+                additions = guard_functions(family) if guard else looped_functions(name, family)
                 result |= {f"{program}_{what}": compiled for what, compiled in additions.items()}
             continue
         program, adjusted = (

@@ -7,9 +7,10 @@ There is one program of PID and of IMC for each route of insulin, and of the pre
 what they keep of the patient.
 
 Predictive control by a profile solves a program at each sample, some 300 000 operations. Its functions are compiled
-from C with loops, one pair for each patient model, whose tables are constants. The guard of such a controller is a
-function of its own, so that no program is there twice: the page steps it once to learn what it shows to the controller
-inside, and again with what that decided.
+from C with loops, whose tables are constants: one pair for each patient model on whose equations it is designed, and
+one pair for all patients where it knows none, with the numbers of the person's profile as inputs. The guard of such a
+controller is a function of its own, so that no program is there twice: the page steps it once to learn what it shows to
+the controller inside, and again with what that decided.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.component.setting import Value
 from glucoloop.control import LinearMPC
 from glucoloop.control.basal_bolus import BasalBolus
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.guard import Guard, guarded
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.horizon import identified_response, least_horizon, linear_response
@@ -43,7 +45,7 @@ from glucoloop.lab.device_functions import MONITORS
 from glucoloop.lab.lowered_function import PageFunction, names_of, page_function, start_function
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN, patients, situation
 from glucoloop.native.targets.c.source import trace, write_source
-from glucoloop.native.targets.wasm.module import CFunction
+from glucoloop.native.targets.wasm import CFunction
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
@@ -55,7 +57,10 @@ _CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 """Controllers of all patients."""
 _BY_PROFILE: Final = ("basal-bolus",)
 """Controllers that dose by the person's profile and give boluses: of patients with subcutaneous insulin."""
-LOOPED: Final = {"profile-mpc": ("hovorka-2004", "uva-padova-2008", "kanderian-2009")}
+LOOPED: Final = {
+    "profile-mpc": ("hovorka-2004", "uva-padova-2008", "kanderian-2009"),
+    "therapy-mpc": ("hovorka-2004", "wilinska-2010", "uva-padova-2008", "kanderian-2009"),
+}
 """Controllers whose programs keep their loops, of which each is 20 kB of the page, with the families that have one."""
 _LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
 """Samples that a predictive controller of the page can look ahead, by the route of insulin, or more where a patient
@@ -146,16 +151,32 @@ def _with_room(name: str, family: str, operating_point: str, *sensor: str) -> An
 
 
 @functools.cache
+def looped_controller(name: str, family: str, operating_point: str) -> ProfileMPC:
+    """A predictive controller by a profile, for the nominal person at an operating point."""
+    at_point = situation(family, operating_point)
+    designed = controller_of(at_point, default_case(name, at_point))
+    if not isinstance(designed, ProfileMPC):
+        raise Refusal(f"the predictive controller by a profile of {family} is {type(designed).__name__}")
+    return designed
+
+
+def of_profile(name: str, family: str, operating_point: str) -> dict[str, float]:
+    """Numbers of the model of a controller that follow from the profile, where it knows no equations of the patient."""
+    if CONTROLLERS[name].on_equations:
+        return {}
+    model = looped_controller(name, family, operating_point).model
+    return {f"model.{number}": float(getattr(model, number)) for number in _OF_PROFILE}
+
+
+@functools.cache
 def _example_controller(name: str, family: str) -> Controller:
     """A controller of a kind for the patients of a family."""
     point = next(iter(patients(family)))
     if name == "basal-bolus":
         profile = Profile(basal_mU_min=10.0, setpoint_mg_dl=110.0)
         return BasalBolus(carb_ratio_g_U=10.0, correction_mg_dl_U=40.0).of_person(profile)
-    if name == "profile-mpc":
-        at_point = situation(family, point)
-        designed: Controller = controller_of(at_point, default_case(name, at_point))
-        return designed
+    if name in LOOPED:
+        return looped_controller(name, family, point)
     if name == "pid":
         return design_pid(PIDTuning(1.0, 60.0, 1.0), PARKER_1999_LIMITS)
     if name == "imc":
@@ -171,7 +192,7 @@ def program_of(name: str, family: str) -> str:
     a controller on the equations of the patient one for each family.
     """
     example: Any = _example_controller(name, family)
-    if name in LOOPED:
+    if name in LOOPED and example.on_equations:
         return "_".join([re.sub(r"\W", "_", family), name.replace("-", "_")])
     sizes = {"mpc": "step_response", "mpc-se": "free_state"}
     size = getattr(example, sizes[name]).shape if name in sizes else ()
@@ -262,21 +283,23 @@ def controller_functions(adjusted: Adjustable) -> dict[str, PageFunction]:
 
 _OF_COSTS: Final = {"low_weight": "below", "floor_weight": "floor"}
 _OF_FILTER: Final = ("measurement_variance", "sensor_error_mg_dl")
+_OF_PROFILE: Final = ("basal_mU_min", "insulin_gain", "meal_gain", "own_correction_mg_dl_U")
 _OWN: Final = ("doubt", "disturbance_doubt", "move_weight", "bolus_weight")
 
 
-def looped_functions(family: str) -> dict[str, PageFunction]:
+def looped_functions(name: str, family: str) -> dict[str, PageFunction]:
     """The two functions of predictive control by a profile for the patients of a family."""
-    designed = _example_controller("profile-mpc", family)
-    if not isinstance(designed, ProfileMPC):
-        raise Refusal(f"the predictive controller by a profile of {family} is {type(designed).__name__}")
+    point = next(iter(patients(family)))
+    designed = looped_controller(name, family, point)
     zero = jnp.zeros(())
     limits = DoseLimits(max_change_mU_min=zero, min_mU_min=zero, max_mU_min=zero)
     free = {name: zero for name in (*_OF_COSTS, *_OF_FILTER, *_OWN)}
+    model = {"model": dict.fromkeys(_OF_PROFILE, zero)} if of_profile(name, family, point) else {}
 
     def controller(person: Any) -> ProfileMPC:
         numbers = person["controller"]
         return designed.replaced(
+            model=dataclasses.replace(designed.model, **numbers.get("model", {})),
             costs=dataclasses.replace(designed.costs, **{of: numbers[name] for name, of in _OF_COSTS.items()}),
             filter=dataclasses.replace(designed.filter, **{name: numbers[name] for name in _OF_FILTER}),
             limits=numbers["limits"],
@@ -288,10 +311,10 @@ def looped_functions(family: str) -> dict[str, PageFunction]:
         return after, _outputs_of(decision)
 
     return _c_functions(
-        f"profile-mpc of {family}",
+        f"{name} of {family}" if not model else name,
         lambda person, own: controller(person).init(own),
         step,
-        {"controller": {**free, "limits": limits}},
+        {"controller": {**free, **model, "limits": limits}},
         _example_observation(boluses=True),
     )
 

@@ -27,6 +27,7 @@ from glucoloop.lab.controllers import (
     guard_program_of,
     horizon_suits_model,
     longest_horizon,
+    of_profile,
     program_of,
     shortest_horizon,
 )
@@ -206,6 +207,9 @@ def _patient(entry: type[PatientComponent], point: str, patient: SemilinearPatie
         "setpoint_mg_dl": float(patient.setpoint_mg_dl),
         "glucose_mg_dl": portable_glucose_mg_dl(entry.name, point, x),
         "profile": _profile(entry, point),
+        "of_profile": {
+            name: of_profile(name, entry.name, point) for name in controllers_of(entry.name) if name in LOOPED
+        },
         "first_order": {
             name: _first_order(patient, default_tuning(name, entry.name, point)) for name in ("pid", "imc")
         },

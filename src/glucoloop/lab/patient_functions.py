@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop._pytree import chosen, replaced, varying
 from glucoloop.lab.lowered_function import PageFunction, page_function, start_function
 from glucoloop.meals.absorption import fasting
 from glucoloop.meals.linear import moments_of_jumps
@@ -31,7 +32,6 @@ from glucoloop.simulation import exponential
 from glucoloop.simulation.explicit import ExplicitPeople
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
 from glucoloop.simulation.people_plant import PeoplePlant
-from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.simulation.user_objects import goes_fast
 from glucoloop.situations.situation import Situation, configured

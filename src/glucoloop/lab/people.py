@@ -13,6 +13,7 @@ import numpy as np
 from jax.scipy.special import ndtri
 
 import glucoloop
+from glucoloop._pytree import chosen
 from glucoloop.component.setting import choices_text
 from glucoloop.lab.lowered_function import PageFunction, page_function
 from glucoloop.lab.patient_functions import (
@@ -32,8 +33,7 @@ from glucoloop.patients.catalogue import PATIENTS, patient_entry
 from glucoloop.patients.population import draw
 from glucoloop.patients.variation import DISTRIBUTIONS, Distribution
 from glucoloop.refusal import Refusal
-from glucoloop.simulation import driven_block
-from glucoloop.simulation.per_person_leaves import chosen
+from glucoloop.simulation.people_plant import PATH, doublings_for, rates
 from glucoloop.situations.population import named_population
 from glucoloop.threefry import name_word
 
@@ -107,7 +107,7 @@ def _person_function(family: str, *, rests: bool) -> PageFunction:
         result = {
             "numbers": jnp.stack(chosen(patient, patients_vary(family))),
             "gut": gut_numbers(patient, family),
-            "rates": driven_block.rates(jax.tree.map(lambda leaf: leaf[..., None], patient), states)[:-1, :, 0],
+            "rates": rates(jax.tree.map(lambda leaf: leaf[..., None], patient), states)[:-1, :, 0],
         }
         if rests:
             basal_insulin_mU_min, x = rest_at(patient, jnp.asarray(setpoint_mg_dl))
@@ -130,9 +130,9 @@ def people_numbers(family: str) -> dict[str, Any]:
             for name, distribution in people_of(family).distributions().items()
         ],
         "driven": driven_places(family),
-        "doublings": driven_block.doublings_for(patients(family)[point], STEP_MIN),
+        "doublings": doublings_for(patients(family)[point], STEP_MIN),
         "step_min": STEP_MIN,
-        "path": driven_block.PATH.tolist(),
+        "path": PATH.tolist(),
     }
 
 

@@ -21,8 +21,8 @@ from glucoloop.meals.ode import OdeDigestion, absorb_by_equations, eaten_in_poin
 from glucoloop.meals.protocol import Eaten, Ingestion, MealModel, OdeMealModel
 from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.sparse import Sparse
 
 Array = npt.NDArray[Any]

@@ -18,12 +18,11 @@ from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import ANNOUNCEMENTS, Need
 from glucoloop.component.setting import About
-from glucoloop.limits import LARGEST_MEAL_G
 from glucoloop.meals.protocol import Eaten
 from glucoloop.refusal import Refusal
 from glucoloop.threefry import uniforms
 from glucoloop.unit_guess import MEAL
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LARGEST_MEAL_G, MIN_PER_DAY
 
 if TYPE_CHECKING:
     from glucoloop.meals.plan import MealPlan

@@ -11,9 +11,8 @@ from typing import Any, Final
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop._representation import represented
+from glucoloop._pytree import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
-from glucoloop.limits import LARGEST_MEAL_G, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.models import MEAL_MODELS, check_meal_model, meal_model, meal_model_of
 from glucoloop.meals.protocol import SHORTEST_EATING_MIN, Eaten, MealModel
@@ -22,7 +21,7 @@ from glucoloop.physiology.exercise import Exercise, exercise_in_order
 from glucoloop.physiology.rhythm import Rhythm
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import GLUCOSE, SETPOINT, refuse_unusual
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LARGEST_MEAL_G, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN, MIN_PER_DAY
 
 LONGEST_EATING_MIN: Final = MIN_PER_DAY
 

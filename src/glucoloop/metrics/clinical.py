@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from glucoloop.metrics.running import Metrics
-from glucoloop.simulation.closed_loop import Trace
+from glucoloop.simulation.trace import Trace
 from glucoloop.text import percent
 from glucoloop.units import MIN_PER_H, MU_PER_U
 

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._kept_programs import kept_jit
-from glucoloop._pytree import pytree, static
-from glucoloop._representation import represented
+from glucoloop._pytree import pytree, represented, static
 from glucoloop.arguments import checked
 from glucoloop.control.protocol import Decision
 from glucoloop.metrics.metric import LOWEST_GLUCOSE_MG_DL, Ended, Metric, Trajectory, default_results, metrics_with
@@ -22,8 +21,8 @@ from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import Reading
-from glucoloop.simulation.closed_loop import Trace
 from glucoloop.simulation.loop import Sampled
+from glucoloop.simulation.trace import Trace
 
 _EVERYDAY: Final = (
     *("time_70_180_pct", "time_above_180_pct", "time_above_250_pct", "time_below_70_pct", "time_below_54_pct", "gri"),

@@ -20,8 +20,7 @@ import math
 from collections.abc import Callable
 
 from glucoloop._lazy_jax import jax, jit, jnp
-from glucoloop._pytree import pytree, static
-from glucoloop._representation import represented
+from glucoloop._pytree import pytree, represented, static
 from glucoloop.refusal import Refusal
 
 

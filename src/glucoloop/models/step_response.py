@@ -11,8 +11,7 @@ import dataclasses
 from typing import Any, Final, Self
 
 from glucoloop._lazy_jax import jax, jit, jnp, np
-from glucoloop._pytree import pytree, static
-from glucoloop._representation import represented
+from glucoloop._pytree import pytree, represented, static
 from glucoloop.arguments import is_traced
 from glucoloop.refusal import Refusal
 

@@ -1,5 +1,5 @@
 // @ts-check
-/** CSV tables, in which no spreadsheet takes a text for a formula; the same as in glucoloop/spreadsheet.py. */
+/** CSV tables, in which no spreadsheet takes a text for a formula; the same as in glucoloop/text.py. */
 
 const FORMULA = /(?:^|(?<=[;\t\r\n]))(?='*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20])/g;
 const APOSTROPHE = /(?:^|(?<=[;\t\r\n]))'(?='*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20])/g;

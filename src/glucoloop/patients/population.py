@@ -18,8 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._extras import MissingExtraError
-from glucoloop._representation import represented
+from glucoloop._pytree import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at
@@ -28,7 +27,7 @@ from glucoloop.patients.component import NOMINAL
 from glucoloop.patients.protocol import Patient
 from glucoloop.patients.table import REPLACED, PeopleTable
 from glucoloop.patients.variation import Distribution, JointVariation, Values, Variation
-from glucoloop.refusal import Refusal
+from glucoloop.refusal import MissingExtraError, Refusal
 from glucoloop.therapy import Profile
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 

@@ -11,7 +11,6 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.carelink_raw import notes_on_clock, place_of_raw
 from glucoloop.records.devices import kind_of
@@ -20,6 +19,7 @@ from glucoloop.records.file_text import CellTable, FileText, table_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
+from glucoloop.units import number_of
 
 _HEADER: Final = ("Index", "Date", "Time", "Sensor Glucose (")
 _RULE: Final = "-------"

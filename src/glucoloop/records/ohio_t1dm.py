@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import DAY_FIRST, Answers
 from glucoloop.records.extract import (
     BasalEvent,
@@ -25,7 +24,7 @@ from glucoloop.records.extract import (
 from glucoloop.records.file_text import FileText, xml_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
-from glucoloop.units import S_PER_MIN
+from glucoloop.units import S_PER_MIN, number_of
 
 _KINDS: Final = {
     "glucose_level": "readings without a value",

@@ -12,10 +12,9 @@ import zlib
 from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
-from glucoloop._extras import needed_for
 from glucoloop.records import workbook_process
 from glucoloop.records.file_text import LARGEST_BYTES, MAX_ROWS, read_bytes
-from glucoloop.refusal import Refusal
+from glucoloop.refusal import Refusal, needed_for
 
 XDRIP_TABLES: Final = {
     "BgReadings": ("timestamp", "calculated_value", "dg_mgdl"),

@@ -19,8 +19,7 @@ from glucoloop.reporting._style import (
     new_figure,
     write,
 )
-from glucoloop.reporting.record_goals import Goals
-from glucoloop.reporting.record_groups import Reported
+from glucoloop.reporting.record_groups import Goals, Reported
 from glucoloop.reporting.record_page import MAX_IN_FULL, top_of_axis_mg_dl
 from glucoloop.units import MIN_PER_H
 

@@ -26,8 +26,17 @@ from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile, by_time_
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
 from glucoloop.reporting.charts import GLUCOSE, Panel, Plot
 from glucoloop.reporting.columns import MetricRow, in_other_unit
-from glucoloop.reporting.record_goals import HIGHEST_CV_PCT, MIN_ACTIVE_PCT, MIN_DAYS, Goals
-from glucoloop.reporting.record_groups import Reported, ReportedGroup, ReportedRecord, groups_of, warnings
+from glucoloop.reporting.record_groups import (
+    HIGHEST_CV_PCT,
+    MIN_ACTIVE_PCT,
+    MIN_DAYS,
+    Goals,
+    Reported,
+    ReportedGroup,
+    ReportedRecord,
+    groups_of,
+    warnings,
+)
 from glucoloop.reporting.template import render
 from glucoloop.text import NOT_AVAILABLE, how_many, percent
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H

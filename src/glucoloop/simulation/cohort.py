@@ -17,13 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import pytree
+from glucoloop._pytree import chosen, pytree, replaced, varying
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller, gives_boluses, gives_glucagon
 from glucoloop.meals.absorption import Digestion
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, refuse_glucagon
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
@@ -33,7 +33,6 @@ from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
 from glucoloop.simulation.people_meals import PeopleMeals
-from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
 from glucoloop.simulation.plant import Exogenous, MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import NEED_VALUES, needs_values
 from glucoloop.simulation.vector_stepper import MAX_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs

@@ -1,4 +1,4 @@
-"""Engines that run a loop over samples for many people: native code, or JAX mapped over people.
+"""Engines that run a loop over samples for many people, and draw for it: native code, or JAX mapped over them.
 
 Both take the same function of one person and one sample,
 ``carry, outputs = step(person, carry, reaching, shared, rng)``:
@@ -27,14 +27,64 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.native.flatten import Drawing
 from glucoloop.native.lower import Shapes, lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors_at_once
-from glucoloop.native.targets.products import FUSED, STRICT
+from glucoloop.native.words import lower_drawing
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.draws import Draws, draws
-from glucoloop.simulation.draws import one_at_a_time as one_at_a_time
 from glucoloop.sparse import Sparse, dense
+
+Draws = Callable[[npt.NDArray[np.uint32], npt.NDArray[Any], int], npt.NDArray[np.float64]]
+"""Function of the words of keys ``(people, 2)``, the first sample of each person ``(people,)`` and the number of
+samples, that gives the numbers drawn, ``(samples, numbers, people)``."""
+
+one_at_a_time = threading.RLock()
+"""Lock held while JAX computes: on the CPU two of its programs in two threads can deadlock."""
+
+
+def draws(drawing: Drawing, key: Any, products: str) -> Draws | None:
+    """Function that draws the numbers of people; None where nothing is drawn.
+
+    `key` is an example of a random key. The numbers are those that JAX draws for one person, with normal numbers equal
+    to rounding; products are rounded as `glucoloop.native.targets` says.
+    """
+    if not drawing.results:
+        return None
+    try:
+        lowered = lower_drawing(drawing, key, jnp.zeros((), int), as_written=products == STRICT)
+    except UnsupportedError:
+        return _by_jax(drawing)
+    return _by_kernel(compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered)))
+
+
+def _by_kernel(kernel: Kernel) -> Draws:
+    def draw(words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
+        people, columns = first.size, kernel.padded(first.size)
+        person, index = np.zeros((kernel.sizes["person"], columns)), np.zeros((1, columns))
+        person[:, :people], index[:, :people] = words.T, first
+        drawn = np.empty((samples, kernel.sizes["outputs"], columns))
+        kernel.run(person, index, np.zeros((samples, 0, columns)), np.zeros((samples, 0)), drawn)
+        return drawn[..., :people]
+
+    return draw
+
+
+def _by_jax(drawing: Drawing) -> Draws:
+    def of_one(words: Any, index: Any) -> list[jax.Array]:
+        return drawing(jax.random.wrap_key_data(words), index)
+
+    of_samples = jax.jit(jax.vmap(jax.vmap(of_one, out_axes=-1), in_axes=(None, 0)))
+
+    def draw(words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
+        with one_at_a_time:
+            drawn = of_samples(words, np.arange(samples)[:, None] + first)
+            parts = [np.asarray(part, np.float64).reshape(samples, -1, first.size) for part in drawn]
+        return np.concatenate(parts, axis=1)
+
+    return draw
+
 
 Array = npt.NDArray[Any]
 Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
@@ -102,7 +152,7 @@ def make_engine(
     """An engine for a loop, made from an example of one person and one sample, of which only shapes and types count.
 
     The key stands in the place of ``rng``. Without a name the engine is native code if the loop allows it. Precision
-    and the rounding of products (see `native.targets.products`) are those of native code; the other engine computes in
+    and the rounding of products (see `native.targets`) are those of native code; the other engine computes in
     float64 and rounds as its compiler likes. Native code or strict products that are asked for and not possible are
     refused.
     """
@@ -123,7 +173,7 @@ def make_engine(
                 ) from None
     if products == STRICT:
         raise Refusal("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
-    return MappedEngine(step, (person, carry), lacking)
+    return _MappedEngine(step, (person, carry), lacking)
 
 
 class NativeEngine:
@@ -192,7 +242,7 @@ class _NativeLanes:
         return _tree(self._shapes.outputs, rows["outputs"][:, :n], axis=0)
 
 
-class MappedEngine:
+class _MappedEngine:
     """Engine with JAX mapped over people, in float64, on the default device."""
 
     name: Final = "xla"

@@ -18,13 +18,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import chosen, pytree, replaced, static, varying
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
 from glucoloop.simulation.plant import NO_MINUTE_INPUTS, Exogenous, MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import Content, compiled_by_class
 

@@ -15,7 +15,6 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, random_key
 from glucoloop.component.effects import RHYTHMS, warn_without_effect
 from glucoloop.control.protocol import Decision, Observation, Status
-from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import SHORTEST_EATING_MIN, Eaten, MealModel, OdeMealModel
@@ -29,7 +28,6 @@ from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import (
-    Trace,
     on_the_grid,
     sample_grid,
     start_of,
@@ -37,14 +35,15 @@ from glucoloop.simulation.closed_loop import (
     usual_limits,
     with_minute_inputs,
 )
-from glucoloop.simulation.external_doses import ExternalDoses
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.minute_inputs import minute_inputs_between, minute_inputs_of, refuse_minute_inputs
 from glucoloop.simulation.plant import MinuteInputs, SampleGrid, SteppingIntegrator
+from glucoloop.simulation.trace import Trace
 from glucoloop.simulation.user_objects import Fixed, apart
+from glucoloop.simulation.vector_stepper import ExternalDoses
 from glucoloop.snapshot import fingerprint, pack, unpack
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LONGEST_RUN_MIN, MIN_PER_DAY
 
 E = TypeVar("E")
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._pytree import pytree
+from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.simulation.engines import Lanes
 from glucoloop.sparse import Sparse, dense
 
@@ -148,3 +151,31 @@ class SteppedPeople:
         self.sample += 1
         for to, new in zip(vars(self.seen).values(), outputs, strict=True):
             np.copyto(to, new)
+
+
+@pytree
+class ExternalDoses:
+    """Controller whose rate and bolus are numbers of its own, which are set before each sample; it has no memory."""
+
+    insulin_mU_min: jax.Array
+    bolus_mU: jax.Array | None
+    """Bolus, or None where the pump can give none."""
+    sample_time_min: float
+
+    heals: ClassVar = True
+
+    @property
+    def gives_boluses(self) -> bool:
+        """Whether the pump can give boluses."""
+        return self.bolus_mU is not None
+
+    def init(self, observation: Observation) -> tuple[()]:
+        """State without memory."""
+        del observation
+        return ()
+
+    def step(self, state: tuple[()], observation: Observation) -> tuple[tuple[()], Decision]:
+        """Decision with the dose from outside."""
+        del observation
+        status = jnp.asarray(int(Status.OK))
+        return state, Decision(insulin_mU_min=self.insulin_mU_min, status=status, bolus_mU=self.bolus_mU)

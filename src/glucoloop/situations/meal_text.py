@@ -1,4 +1,4 @@
-"""Text of a meal: ``50g@50min``, ``50g@50``, ``50g@1.5h``, or ``50g@50min/15min`` if eating takes 15 min."""
+"""Texts of meals and of bouts of exercise: 50g@50min, 50g@1.5h/15min if eating takes 15 min, and 50%@14h/30min."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from glucoloop.component.number_text import NUMBER, UNITS_OF_TIME
-from glucoloop.limits import LARGEST_MEAL_G
 from glucoloop.meals import Meal
+from glucoloop.physiology.exercise import Exercise
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import CONFIRM_OPTION, MEAL, refuse_unusual
-from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
+from glucoloop.units import HOURS_PER_DAY, LARGEST_MEAL_G, MIN_PER_DAY, NUMBER, UNITS_OF_TIME
 
 _UNIT: Final = "|".join(UNITS_OF_TIME)
 _MEAL: Final = re.compile(
@@ -91,3 +90,44 @@ def refuse_unusual_meals(texts: Iterable[str], horizon_min: float) -> None:
                 f"the meal {text!r} begins {time} min after the start; that looks like hours. "
                 f"Write {size}@{time}h{eating}, or {size}@{time}min{eating} if minutes are meant"
             )
+
+
+_EXERCISE: Final = re.compile(
+    rf"\s*(?P<intensity>{NUMBER})\s*%\s*@\s*(?P<time>{NUMBER})\s*(?P<unit>{_UNIT})\s*"
+    rf"/\s*(?P<duration>{NUMBER})\s*(?P<duration_unit>{_UNIT})\s*",
+    re.ASCII,
+)
+
+
+def parse_exercise(text: str) -> Exercise:
+    """Bout of exercise from its text.
+
+    Raises
+    ------
+    ValueError
+        For a text that is not exercise, lacks a unit, or is of exercise that is not possible.
+    """
+    match = _EXERCISE.fullmatch(text)
+    if match is None:
+        raise Refusal(
+            f"{text!r} is not exercise; write its intensity in percent of the largest oxygen uptake above rest, a time "
+            "and a duration, each with its unit, like 50%@14h/30min"
+        )
+    return Exercise(
+        intensity_pct=float(match["intensity"]),
+        t_min=float(match["time"]) * UNITS_OF_TIME[match["unit"]],
+        duration_min=float(match["duration"]) * UNITS_OF_TIME[match["duration_unit"]],
+    )
+
+
+def exercise_text(bout: Exercise) -> str:
+    """Text from which the same bout is read, to the last bit."""
+    intensity, time, duration = (
+        repr(float(value)).removesuffix(".0") for value in (bout.intensity_pct, bout.t_min, bout.duration_min)
+    )
+    return f"{intensity}%@{time}min/{duration}min"
+
+
+def same_exercise(texts: Iterable[str]) -> tuple[str, ...]:
+    """Texts of the same bouts, each written in percent and minutes."""
+    return tuple(exercise_text(parse_exercise(text)) for text in texts)

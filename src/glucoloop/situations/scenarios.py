@@ -13,49 +13,120 @@ from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.effects import EXERCISE, MEALS
+from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, EXERCISE, MEALS, TIME_OF_DAY
 from glucoloop.component.grammar import NAME, Leaf, Tree, as_tree
-from glucoloop.limits import LONGEST_RUN_MIN, MAX_DAYS
+from glucoloop.component.setting import PATIENT_PANEL, SENSOR_PANEL, Option
+from glucoloop.control.action import ActionComponent
+from glucoloop.faults import FaultComponent
 from glucoloop.meals.habits import HabitComponent
-from glucoloop.situations.option import PATIENT_PANEL, Option
-from glucoloop.situations.situation import (
-    Actions,
-    AnnounceBefore,
-    AnnounceMeals,
-    CarbBias,
-    CarbError,
-    Events,
-    Rhythms,
-    StartTime,
-    WarmUp,
-    WrongProfile,
-)
+from glucoloop.physiology.rhythm import RhythmComponent
+from glucoloop.situations.therapy_settings import WrongProfile
 from glucoloop.situations.toml import read_file
 from glucoloop.unit_guess import DURATION
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LONGEST_AHEAD_MIN, LONGEST_RUN_MIN, MAX_DAYS, MIN_PER_DAY
 
 DEFAULT_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
 """Breakfast, lunch and dinner."""
 _CUSTOM: Final = "custom"
-_meals = functools.partial(Option, panel=PATIENT_PANEL)
+_patient = functools.partial(Option, panel=PATIENT_PANEL)
+
+ANNOUNCED: Final = (MEALS, ANNOUNCEMENTS)
+"""Needs of everything about announced meals."""
+AnnounceMeals = Annotated[bool, _patient("Tell the controller of each meal when it begins.", needs=ANNOUNCED)]
+AnnounceBefore = Annotated[
+    float,
+    _patient(
+        "Time before eating at which meals are announced, of which controllers are told.",
+        at_least=0.0,
+        at_most=LONGEST_AHEAD_MIN,
+        rare=True,
+        needs=(*ANNOUNCED, AHEAD),
+    ),
+]
+CarbError = Annotated[
+    float,
+    _patient(
+        "Error of counting the carbohydrate of announced meals: its standard deviation in percent of a meal, drawn "
+        "for each meal and person.",
+        at_least=0.0,
+        at_most=100.0,
+        rare=True,
+        needs=ANNOUNCED,
+    ),
+]
+CarbBias = Annotated[
+    float,
+    _patient(
+        "Mean of that error in percent of a meal; below 0 too little is announced.",
+        at_least=-100.0,
+        at_most=100.0,
+        rare=True,
+        needs=ANNOUNCED,
+    ),
+]
+StartTime = Annotated[
+    str | None,
+    _patient(
+        "Time of day at the start, of which controllers are told; not told by default.",
+        metavar="HH:MM",
+        rare=True,
+        needs=(TIME_OF_DAY,),
+    ),
+]
+Rhythms = Annotated[
+    tuple[RhythmComponent, ...],
+    _patient(
+        "What follows the clock in the patient, like 'visentin-2015, pattern=hhl' or dawn; repeat it for more. The "
+        "patient rests, and controllers are designed, as without it.",
+        flag="--rhythm",
+        rare=True,
+    ),
+]
+Events = Annotated[
+    tuple[FaultComponent, ...],
+    Option(
+        "Fault of sensor or pump that belongs to the day, inside of the others; repeat it for more.",
+        flag="--event",
+        panel=SENSOR_PANEL,
+        rare=True,
+    ),
+]
+Actions = Annotated[
+    tuple[ActionComponent, ...],
+    _patient(
+        "What the person does by hand or tells the controller, like 'bolus, time=14h' or 'exercise, time=16h'; repeat "
+        "it for more.",
+        flag="--action",
+        rare=True,
+    ),
+]
+WarmUp = Annotated[
+    float,
+    Option(
+        "Time before the start that is simulated and not counted; times of meals and faults count from the start.",
+        at_least=0.0,
+        at_most=LONGEST_RUN_MIN,
+        rare=True,
+    ),
+]
 
 
 class DaySettings(Component):
     """Meals, habits and exercise of the days, and their length: what a scenario and a situation both have."""
 
     days: Annotated[
-        int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MAX_DAYS, rare=True)
+        int | None, _patient("Days, each with the same meals.", default="1", at_least=1, at_most=MAX_DAYS, rare=True)
     ] = None
     duration_min: Annotated[
         float | None, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
     ] = None
     meals: Annotated[
         tuple[str, ...],
-        _meals("Carbohydrate and time, like 50g@1.5h; repeat it for more.", flag="--meal", metavar="G@TIME"),
+        _patient("Carbohydrate and time, like 50g@1.5h; repeat it for more.", flag="--meal", metavar="G@TIME"),
     ] = DEFAULT_DAY
     meal_size_spread_pct: Annotated[
         float,
-        _meals(
+        _patient(
             "Largest deviation of a meal's size, drawn for each person and day.",
             at_least=0.0,
             below=100.0,
@@ -65,7 +136,7 @@ class DaySettings(Component):
     ] = 0.0
     meal_time_spread_min: Annotated[
         float,
-        _meals(
+        _patient(
             "Largest deviation of a meal's time, drawn for each person and day.",
             at_least=0.0,
             below=MIN_PER_DAY,
@@ -75,7 +146,7 @@ class DaySettings(Component):
     ] = 0.0
     habits: Annotated[
         tuple[HabitComponent, ...],
-        _meals(
+        _patient(
             "Habit of the person, like 'unannounced, probability=0.2' or 'snack, time=21h', see glucoloop list; repeat "
             "it, each changes what the earlier ones leave.",
             flag="--habit",
@@ -84,7 +155,7 @@ class DaySettings(Component):
     ] = ()
     exercise: Annotated[
         tuple[str, ...],
-        _meals(
+        _patient(
             "Exercise: intensity in percent of the largest oxygen uptake above rest, time and duration, like "
             "50%@14h/30min; repeat it for more.",
             metavar="%@TIME/DURATION",
@@ -93,7 +164,7 @@ class DaySettings(Component):
     ] = ()
     exercise_spread_pct: Annotated[
         float,
-        _meals(
+        _patient(
             "Largest deviation of the intensity of exercise, drawn for each person and day.",
             at_least=0.0,
             below=100.0,
@@ -103,7 +174,7 @@ class DaySettings(Component):
     ] = 0.0
     exercise_time_spread_min: Annotated[
         float,
-        _meals(
+        _patient(
             "Largest deviation of its time, drawn for each person and day.",
             at_least=0.0,
             below=MIN_PER_DAY,

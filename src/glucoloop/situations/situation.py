@@ -9,45 +9,47 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.component.base import Component
 from glucoloop.component.effects import (
-    AHEAD,
-    ANNOUNCEMENTS,
     CHANCE,
     DEAD_TIME,
     EXERCISE,
     GLUCAGON,
     MEALS,
     MEALS_ANNOUNCED,
-    PROFILE,
     READINGS,
     TEMPORARY_TARGETS,
     TIME_OF_DAY,
     Need,
 )
 from glucoloop.component.grammar import as_tree
-from glucoloop.component.number_text import parse_time_of_day
-from glucoloop.component.request import by_default, completed, request_of
-from glucoloop.control.action import ActionComponent
+from glucoloop.component.request import by_default, completed, read_root, request_of
+from glucoloop.component.setting import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.control.glucagon import GlucagonComponent
 from glucoloop.faults import START, FaultComponent
-from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.models import MealModelComponent
 from glucoloop.meals.rescue import RescueComponent
 from glucoloop.metrics.metric import Metric, metrics_with
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.component import PatientComponent
-from glucoloop.physiology.rhythm import RhythmComponent
 from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, SensorComponent, WhiteNoise, whole_samples
-from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
-from glucoloop.situations.override import OverrideComponent
-from glucoloop.situations.profile_error import ProfileErrorComponent
-from glucoloop.situations.request import read_root
-from glucoloop.situations.therapy_text import parse_change, profile_texts, target_change, target_texts
+from glucoloop.situations.scenarios import (
+    Actions,
+    AnnounceBefore,
+    AnnounceMeals,
+    CarbBias,
+    CarbError,
+    Events,
+    Rhythms,
+    StartTime,
+    WarmUp,
+)
+from glucoloop.situations.therapy_settings import Overrides, ProfileBy, Targets, TherapyProfile, WrongProfile
+from glucoloop.situations.therapy_text import parse_change, target_change
 from glucoloop.therapy import Schedule
 from glucoloop.unit_guess import (
     CONFIRM_OPTION,
@@ -59,6 +61,7 @@ from glucoloop.unit_guess import (
     SETPOINT,
     refuse_unusual,
 )
+from glucoloop.units import LARGEST_SEED, parse_time_of_day
 
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel, RescueCarbs
@@ -74,137 +77,11 @@ _PUMP_LIMITS: Final = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_m
 _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
 
-ANNOUNCED: Final = (MEALS, ANNOUNCEMENTS)
-"""Needs of everything about announced meals."""
-AnnounceMeals = Annotated[bool, _patient("Tell the controller of each meal when it begins.", needs=ANNOUNCED)]
-AnnounceBefore = Annotated[
-    float,
-    _patient(
-        "Time before eating at which meals are announced, of which controllers are told.",
-        at_least=0.0,
-        at_most=LONGEST_AHEAD_MIN,
-        rare=True,
-        needs=(*ANNOUNCED, AHEAD),
-    ),
-]
-CarbError = Annotated[
-    float,
-    _patient(
-        "Error of counting the carbohydrate of announced meals: its standard deviation in percent of a meal, drawn "
-        "for each meal and person.",
-        at_least=0.0,
-        at_most=100.0,
-        rare=True,
-        needs=ANNOUNCED,
-    ),
-]
-CarbBias = Annotated[
-    float,
-    _patient(
-        "Mean of that error in percent of a meal; below 0 too little is announced.",
-        at_least=-100.0,
-        at_most=100.0,
-        rare=True,
-        needs=ANNOUNCED,
-    ),
-]
-StartTime = Annotated[
-    str | None,
-    _patient(
-        "Time of day at the start, of which controllers are told; not told by default.",
-        metavar="HH:MM",
-        rare=True,
-        needs=(TIME_OF_DAY,),
-    ),
-]
-Rhythms = Annotated[
-    tuple[RhythmComponent, ...],
-    _patient(
-        "What follows the clock in the patient, like 'visentin-2015, pattern=hhl' or dawn; repeat it for more. The "
-        "patient rests, and controllers are designed, as without it.",
-        flag="--rhythm",
-        rare=True,
-    ),
-]
-Events = Annotated[
-    tuple[FaultComponent, ...],
-    _sensor(
-        "Fault of sensor or pump that belongs to the day, inside of the others; repeat it for more.",
-        flag="--event",
-        rare=True,
-    ),
-]
-Actions = Annotated[
-    tuple[ActionComponent, ...],
-    _patient(
-        "What the person does by hand or tells the controller, like 'bolus, time=14h' or 'exercise, time=16h'; repeat "
-        "it for more.",
-        flag="--action",
-        rare=True,
-    ),
-]
-ProfileBy = Annotated[
-    Literal["table", "titration"],
-    _patient(
-        "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
-        "titrated on each person, see the guide to populations.",
-        rare=True,
-        needs=(PROFILE,),
-    ),
-]
-WrongProfile = Annotated[
-    ProfileErrorComponent | None,
-    _patient(
-        "Error of the profiles that controllers have, like 'ratio_pct=50' or 'spread_pct=20'; right by default.",
-        flag="--profile-error",
-        rare=True,
-    ),
-]
-TherapyProfile = Annotated[
-    tuple[str, ...],
-    _patient(
-        "Therapy by the time of day: a file like profile.toml or Nightscout's profile.json, or 'basal, 0.9, 0h-6h'; "
-        "repeat it for more. What it leaves out is the person's own.",
-        flag="--profile",
-        metavar="FILE|TEXT",
-        rare=True,
-        needs=(PROFILE,),
-        reads=profile_texts,
-    ),
-]
-Targets = Annotated[
-    tuple[str, ...],
-    _patient(
-        "Target in some hours of each day, like 110@22h until midnight or 120@22h-6h; repeat it for more.",
-        flag="--target-at",
-        metavar="MG/DL@HOURS",
-        rare=True,
-        reads=target_texts,
-    ),
-]
-Overrides = Annotated[
-    tuple[OverrideComponent, ...],
-    _patient(
-        "Hours of each day with another target or need of insulin, like 'exercise, from=17h, to=19h, target=150, "
-        "insulin=70%' or 'illness'; repeat it for more.",
-        flag="--override",
-        rare=True,
-    ),
-]
 Glucagon = Annotated[
     GlucagonComponent | None,
     _patient(
         "Glucagon by a second route of the pump, where the patient has it, like threshold or 'mini-dose, dose_ug=100'.",
         alone="threshold",
-        rare=True,
-    ),
-]
-WarmUp = Annotated[
-    float,
-    Option(
-        "Time before the start that is simulated and not counted; times of meals and faults count from the start.",
-        at_least=0.0,
-        at_most=LONGEST_RUN_MIN,
         rare=True,
     ),
 ]
@@ -480,7 +357,9 @@ class Situation(Component):
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        return self._with(sensor=tuple(component for component in self.sensor if not isinstance(component, WhiteNoise)))
+        return Situation.narrowed(
+            self, sensor=tuple(component for component in self.sensor if not isinstance(component, WhiteNoise))
+        )
 
     def paced(self, every_min: float | None, *, known_dead_time: bool) -> Situation:
         """The situation as a controller meets it that acts at times of its own; itself where there is no such time.
@@ -492,7 +371,7 @@ class Situation(Component):
         known_sensors = tuple(
             component for component in self.sensor if known_dead_time or not isinstance(component, DeadTime)
         )
-        return self._with(sample_time_min=every_min, sensor=known_sensors)
+        return Situation.narrowed(self, sample_time_min=every_min, sensor=known_sensors)
 
     @property
     def schedule(self) -> Schedule:
@@ -502,10 +381,7 @@ class Situation(Component):
 
     def of_controller(self) -> Situation:
         """The situation without what is put around a controller: actions of the person, and a therapy by the clock."""
-        return self._with(actions=(), glucagon=None, therapy=(), targets=(), overrides=())
-
-    def _with(self, **changes: Any) -> Situation:
-        return Situation(**{**{name: getattr(self, name) for name in Situation.settings()}, **changes})
+        return Situation.narrowed(self, actions=(), glucagon=None, therapy=(), targets=(), overrides=())
 
     @property
     def nominal(self) -> Patient:

@@ -1,7 +1,8 @@
 """Folder of a long computation: results stay, an interrupted run resumes, and damaged results are refused.
 
-The first file is the origin of the results; the list of digests, written last, marks the work as finished. A process
-may die between any two operations on the disk; the next one reads the results, removes unfinished files, and resumes.
+The first file is the origin of the results, the configuration, the version and the arithmetic that they depend on; the
+list of digests, written last, marks the work as finished. A process may die between any two operations on the disk; the
+next one reads the results, removes unfinished files, and resumes.
 
 The results are either one file with a row for each unit of work, see `storage.rows`, or a folder of parts that are put
 in their places whole, see `trials.folder`. Each of them says what its results are; the rest is written here.
@@ -14,14 +15,82 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Final, TypeVar
+from typing import Any, ClassVar, Final, Self, TypeVar
 
+import glucoloop
 from glucoloop import arithmetic
+from glucoloop.component.code import outside_code
 from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
-from glucoloop.storage.origin import Origin, differences
+from glucoloop.storage.files import json_text, stored_json
+from glucoloop.text import shown
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """Record on which the bits of the results depend, written before anything else; a kind of folder may add to it."""
+
+    format: str = "glucoloop-rows 1"
+    version: str
+    """Version of glucoloop."""
+    arithmetic: dict[str, str]
+    """Record of `glucoloop.arithmetic.identity`, with digests of the code of other packages."""
+    config: dict[str, Any]
+    """The configuration as flat keys."""
+
+    @classmethod
+    def current(cls, config: Mapping[str, Any], **further: Any) -> Self:
+        """Origin of work that begins now."""
+        given = {key: value for key, value in config.items() if value is not None}
+        identity = {**arithmetic.identity(), **outside_code(given)}
+        return cls(version=glucoloop.__version__, arithmetic=identity, config=given, **further)
+
+    def text(self) -> str:
+        """JSON from which the same origin is read."""
+        return json_text(vars(self)) + "\n"
+
+    @classmethod
+    def read(cls, place: Path) -> Self:
+        """Read the record of a folder; ValueError if glucoloop did not write it."""
+        mend = f"delete {place.parent} and run the same command again"
+        written = stored_json(place, mend, dict[str, Any]).get("format")
+        if written != cls.format:
+            raise Refusal(
+                f"{place} is of another format, {shown(written)} and not {cls.format}; read it with the glucoloop that "
+                "wrote it"
+            )
+        return stored_json(place, mend, cls)
+
+
+def differences(earlier: Mapping[str, Any], current: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
+    """Name, earlier value and current value of each key of two configurations that differs; cases by their labels."""
+    before, now = _flat(earlier), _flat(current)
+    for name in dict.fromkeys([*now, *before]):
+        one, other = before.get(name), now.get(name)
+        if json_text(one, str) != json_text(other, str):  # TOML also has dates, which no configuration has
+            yield name, "not given" if one is None else one, "not given" if other is None else other
+
+
+def _flat(config: Mapping[str, Any]) -> dict[str, object]:
+    """Values of a configuration by the names of the keys, also of those in tables and cases."""
+    result: dict[str, object] = {}
+    for key, value in config.items():
+        if isinstance(value, Mapping):
+            result |= {f"{key}.{name}": item for name, item in _flat(value).items()}
+        elif key == "controller" and _are_cases(value):
+            result["the list of cases"] = ", ".join(str(case["label"]) for case in value)
+            for case in value:
+                result |= {f"{name} of case {case['label']!r}": item for name, item in _flat(case).items()}
+        else:
+            result[key] = value
+    return result
+
+
+def _are_cases(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(case, dict) and "label" in case for case in value)
+
 
 LOCK: Final = "lock"
 

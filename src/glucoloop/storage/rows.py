@@ -14,9 +14,8 @@ import polars as pl
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds
 from glucoloop.storage import disk
-from glucoloop.storage.origin import Origin
-from glucoloop.storage.resumable import ResumableFolder, Work, opened
-from glucoloop.storage.tables import parquet, read_parquet
+from glucoloop.storage.results import parquet, read_parquet
+from glucoloop.storage.resumable import Origin, ResumableFolder, Work, opened
 
 R = TypeVar("R")
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._pytree import chosen, replaced, varying
 from glucoloop.build.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_profile_of_each
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
@@ -27,10 +28,8 @@ from glucoloop.simulation import Trace
 from glucoloop.simulation.cohort import Accumulator
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
-from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
-from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.people import PeopleRows
-from glucoloop.trials.quantiles import bin_numbers, glucose_edges, insulin_edges
+from glucoloop.trials.people import PeopleRows, block_size, in_blocks
+from glucoloop.trials.statistics import bin_numbers, glucose_edges, insulin_edges
 from glucoloop.trials.trial import MIN_BLOCK, Trial, fingerprint, profile_columns
 
 Array = npt.NDArray[Any]

@@ -23,8 +23,7 @@ from glucoloop.schema.values import ValueBounds
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import json_text, stored_json
-from glucoloop.storage.origin import Origin
-from glucoloop.storage.resumable import ResumableFolder, Work, opened
+from glucoloop.storage.resumable import Origin, ResumableFolder, Work, opened
 from glucoloop.trials.people import Shard
 from glucoloop.trials.shard import FILES, bounds, read_people
 from glucoloop.trials.trial import FORMAT, Trial, fingerprint

@@ -1,10 +1,16 @@
-"""Results of people under one controller, one row per person."""
+"""People of a trial: blocks of one size in which they are simulated, and their results, one row a person.
+
+The last block is filled up by repetition. So each person is computed by the same code, with results that are the same
+to the bit whoever else is simulated, in whatever order, and by any number of threads.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -46,3 +52,52 @@ Shard = Mapping[str, PeopleRows]
 """Results of a shard by the label of the controller."""
 Shards = Callable[[], Iterable[Shard]]
 """Function that reads the shards again from the first one, so that only one at a time is in memory."""
+
+
+T = TypeVar("T")
+
+_SIZES: Final = {"native": 1024, "xla": 64}
+"""Number of people in a block: enough that a block's own cost is small, few enough that filling up the last one is.
+
+Of trials that are long or slow it is less, see `trials.trial.Trial.people_a_block`.
+"""
+
+
+def block_size(engine: str) -> int:
+    """Number of people who are simulated together."""
+    return _SIZES[engine]
+
+
+def in_blocks(
+    run: Callable[[npt.NDArray[Any], int], T],
+    values: npt.NDArray[Any],
+    size: int,
+    threads: int | None = None,
+    *,
+    done: Callable[[int], None] = lambda number: None,
+) -> list[T]:
+    """Results of a function on full blocks of values ``(n,)``, in their order.
+
+    The function gets a full block, and the number of its first members that were asked for; `done` is called with that
+    number in this thread after each block, in their order. By default there are two threads for each core, so that it
+    works while one of them waits for another to leave Python or JAX.
+    """
+    results: list[T] = []
+
+    def take(computed: Iterable[T]) -> list[T]:
+        for part, number in zip(computed, sizes, strict=True):
+            results.append(part)
+            done(number)
+        return results
+
+    parts = [values[start : start + size] for start in range(0, values.size, size)]
+    blocks, sizes = [np.resize(part, size) for part in parts], [part.size for part in parts]
+    threads = min(threads or 2 * (os.cpu_count() or 1), len(blocks))
+    if threads <= 1:
+        return take(map(run, blocks, sizes))
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            return take(pool.map(run, blocks, sizes))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._representation import represented
+from glucoloop._pytree import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.random_keys import keys_of_people
@@ -32,7 +32,7 @@ from glucoloop.simulation.closed_loop import default_pump, sample_grid, scenario
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.situations.situation import Situation
-from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.people import block_size, in_blocks
 
 Array = npt.NDArray[Any]
 

@@ -17,9 +17,17 @@ import numpy.typing as npt
 
 from glucoloop.metrics.control_variability import CELLS, grid_counts
 from glucoloop.refusal import Refusal
-from glucoloop.trials.intervals import CONFIDENCE_PCT, PairedDifferences, mean_interval, share_interval
 from glucoloop.trials.people import PeopleRows, Shards
-from glucoloop.trials.quantiles import Floats, Moments, finite, quantiles
+from glucoloop.trials.statistics import (
+    CONFIDENCE_PCT,
+    Floats,
+    Moments,
+    PairedDifferences,
+    finite,
+    mean_interval,
+    quantiles,
+    share_interval,
+)
 
 QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "p99": 0.99}
 MAX_NAMED: Final = 1000
@@ -73,7 +81,7 @@ class TrialSummary:
     number of people with 1, and their share with its interval), those who were ``ever_below`` a glucose, those below
     the range in which their model is valid, which means severe hypoglycemia and not a number, those whose glucose or
     insulin was not finite, who are in no other number, and the ten with the minimum glucose, the minimum first; and
-    ``differences`` of each controller from the first one, person by person, see `trials.intervals`.
+    ``differences`` of each controller from the first one, person by person, see `trials.statistics`.
     """
     cvga_counts: Mapping[str, npt.NDArray[np.int64]]
     """People in each cell of the control-variability grid, by controller."""

@@ -9,9 +9,10 @@ import pytest
 
 from glucoloop.control import Observation, Oref0
 from glucoloop.control.oref0.dose import determine_basal
+from glucoloop.control.oref0.inputs import insulin_curve
 from glucoloop.control.scheduled import scheduled
 from glucoloop.pumps import dose_limits
-from glucoloop.situations.override import OVERRIDES
+from glucoloop.situations.therapy_settings import OVERRIDES
 from glucoloop.situations.therapy_text import parse_change
 from glucoloop.therapy import TARGET, Profile, Schedule
 from oref0_package import answers_of, as_written, needs_oref0
@@ -169,3 +170,31 @@ def test_announced_exercise_is_a_temporary_target():
         heard = own._heard(own.init(told), told).profile
         assert (float(heard.min_bg_mg_dl), bool(heard.temptarget_set)) == expected
     assert own._heard(own.init(seen), seen).profile.temptarget_set is False
+
+
+def test_in_exercise_mode_temporary_rates_so_far_count_against_the_lower_basal_rate():
+    """At 160 mg/dl half of the basal rate is needed, so that the basal rate of each of six samples is half too much."""
+    mode = Oref0(exercise_mode=True, enable_smb_always=False).of_person(PLAIN, WIDE)
+    raised = Oref0(high_temptarget_raises_sensitivity=True, enable_smb_always=False).of_person(PLAIN, WIDE)
+    rest = Observation(
+        glucose_mg_dl=jnp.asarray(110.0),
+        valid=jnp.asarray(True),
+        setpoint_mg_dl=jnp.asarray(110.0),
+        delivered_mU_min=jnp.asarray(10.0),
+        announced_carbs_g=jnp.asarray(0.0),
+        delivered_bolus_mU=jnp.asarray(0.0),
+        temporary_target=jnp.asarray(False),
+    )
+    runs = dataclasses.replace(rest, setpoint_mg_dl=jnp.asarray(160.0), temporary_target=jnp.asarray(True))
+    on_board = []
+    for controller in (mode, raised):
+        state = controller.init(rest)
+        temp = dataclasses.replace(state.temp, rate_U_h=jnp.asarray(0.6), duration_min=jnp.asarray(120.0))
+        state = dataclasses.replace(state, temp=temp)
+        for _ in range(6):
+            state = controller._heard(state, rest).state
+        on_board.append((controller._heard(state, rest).iob.iob_U, controller._heard(state, runs).iob.iob_U))
+    left, _ = insulin_curve(5.0 * np.arange(1.0, 8.0), 5.0, 75.0)
+    expected = round(0.025 * float(np.sum(left)), 3)
+    assert [float(iob) for pair in on_board for iob in pair] == pytest.approx([0.0, expected, 0.0, 0.0], abs=1e-9)
+    assert expected > 0.1

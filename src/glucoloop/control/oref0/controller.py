@@ -35,6 +35,7 @@ from glucoloop.control.oref0.inputs import (
     READINGS,
     SAMPLE_MIN,
     bucketed,
+    exercise_share,
     glucose_get_last,
     iob_total,
     recent_carbs,
@@ -121,6 +122,8 @@ class _Oref0State:
     """Bolus that was requested at the last sample, likewise."""
     to_come: MealsToCome | None = None
     """Meals that are still to be eaten; None where observations tell no time of eating."""
+    replaced_U: jax.Array | None = None
+    """Basal insulin of each past sample with a temporary rate in force, 0 of others; None without exercise mode."""
 
 
 class _Heard(NamedTuple):
@@ -251,6 +254,14 @@ class Oref0(OfPerson, name="oref0"):
         bool,
         About("Whether one below 100 mg/dl raises basal rate and corrections.", needs=(TEMPORARY_TARGETS,)),
     ] = False
+    exercise_mode: Annotated[
+        bool,
+        About(
+            "high_temptarget_raises_sensitivity, and temporary rates so far count against the lower basal rate.",
+            needs=(TEMPORARY_TARGETS,),
+        ),
+        STATIC,
+    ] = False
     half_basal_exercise_target_mg_dl: Annotated[
         float,
         About(
@@ -329,6 +340,7 @@ class Oref0(OfPerson, name="oref0"):
         enabled = self.enable_smb_always or self.enable_smb_with_cob or self.enable_smb_after_carbs
         enabled = enabled or self.enable_smb_high_bg or self.enable_smb_with_temptarget
         sensitivity = self.high_temptarget_raises_sensitivity or self.low_temptarget_lowers_sensitivity
+        sensitivity = sensitivity or self.exercise_mode
         return (
             super().uses()
             | at_times
@@ -420,6 +432,7 @@ class Oref0(OfPerson, name="oref0"):
             requested_mU_min=zero + self.basal_mU_min,
             requested_mU=zero,
             to_come=no_meals_to_come(observation),
+            replaced_U=row(treatments(self._action_h) - 1) if self.exercise_mode else None,
         )
 
     def step(self, state: _Oref0State, observation: Observation) -> tuple[_Oref0State, Decision]:
@@ -481,9 +494,15 @@ class Oref0(OfPerson, name="oref0"):
             self.dosing, min_bg_mg_dl=target, max_bg_mg_dl=target, temptarget_set=_is_temporary(observation)
         )
         glucose = glucose_get_last(readings)
+        counted, basal_U_h, replaced = insulin, profile.current_basal_U_h, state.replaced_U
+        if replaced is not None:
+            basal_U = self.basal_since_mU_min * SAMPLE_MIN / MU_PER_U
+            replaced = _pushed(replaced, jnp.where(state.temp.duration_min > 0.0, basal_U, zero))
+            share = exercise_share(profile)
+            counted, basal_U_h = insulin + (1.0 - share) * replaced, basal_U_h * share
         iob = iob_total(
-            jnp.concatenate([(meal_mU / MU_PER_U)[None], insulin]),
-            profile.current_basal_U_h,
+            jnp.concatenate([(meal_mU / MU_PER_U)[None], counted]),
+            basal_U_h,
             jnp.where(meal_mU > 0.0, 0.0, waited),
             dia_h=self._action_h,
             peak_min=self.insulin_peak_min or PEAKS_MIN[self.curve],
@@ -505,6 +524,7 @@ class Oref0(OfPerson, name="oref0"):
             requested_mU_min=state.requested_mU_min,
             requested_mU=state.requested_mU,
             to_come=to_come,
+            replaced_U=replaced,
         )
         return _Heard(after, glucose, iob, meal, profile, meal_mU)
 

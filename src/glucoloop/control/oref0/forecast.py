@@ -18,6 +18,7 @@ from typing import Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.oref0.records import (
+    NORMAL_TARGET,
     DosingProfile,
     GlucoseStatus,
     InsulinOnBoard,
@@ -34,8 +35,6 @@ _KEPT: Final = 48
 """Points of a line, the reading included."""
 _INSULIN_PEAK, _UAM_WAIT = 18, 12
 """Points after which the minimum glucose counts, 90 min and 60 min."""
-_NORMAL_TARGET: Final = 100.0
-"""Target by which a temporary one is high or low, whatever the schedule has."""
 _MAX_ABSORPTION_G_H, _ASSUMED_ABSORPTION_G_H, _MIN_ABSORPTION_H = 30.0, 20.0, 3.0
 
 
@@ -98,13 +97,13 @@ def _sensitivity_ratio(profile: DosingProfile) -> jax.Array | None:
     if profile.temptarget_set is False:
         return None
     target = (jnp.asarray(profile.min_bg_mg_dl) + jnp.asarray(profile.max_bg_mg_dl)) / 2.0
-    half = profile.half_basal_exercise_target_mg_dl - _NORMAL_TARGET
-    away = half + target - _NORMAL_TARGET
+    half = profile.half_basal_exercise_target_mg_dl - NORMAL_TARGET
+    away = half + target - NORMAL_TARGET
     most = jnp.asarray(profile.autosens_max)
     ratio = jnp.where(half * away <= 0.0, most, half / jnp.where(away == 0.0, 1.0, away))
-    changes = (jnp.asarray(profile.high_temptarget_raises_sensitivity) & (target > _NORMAL_TARGET)) | (
-        jnp.asarray(profile.low_temptarget_lowers_sensitivity) & (target < _NORMAL_TARGET)
-    )
+    raises = jnp.asarray(profile.high_temptarget_raises_sensitivity) | profile.exercise_mode
+    lowers = jnp.asarray(profile.low_temptarget_lowers_sensitivity)
+    changes = (raises & (target > NORMAL_TARGET)) | (lowers & (target < NORMAL_TARGET))
     return jnp.where(changes & profile.temptarget_set, rounded(jnp.minimum(ratio, most), 2), 1.0)
 
 

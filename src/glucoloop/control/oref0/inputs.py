@@ -28,6 +28,7 @@ from typing import Final, TypeAlias
 from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.control.oref0.records import (
+    NORMAL_TARGET,
     DosingProfile,
     GlucoseStatus,
     InsulinOnBoard,
@@ -128,6 +129,21 @@ def iob_total(
         zero_temp_ahead_U_min=without,
         last_bolus_age_min=last_bolus_age_min,
     )
+
+
+_LEAST_ABOVE: Final = 5.0
+
+
+def exercise_share(profile: DosingProfile) -> jax.Array:
+    """Share of the basal rate against which ``iob/history.js`` counts temporary rates: below 1 in ``exercise_mode``.
+
+    With the temporary target T, at least 105 mg/dl, and the target H at which the basal rate is halved it is
+    ``(H - 100) / (H - 100 + T - 100)``, for all temporary rates of the history.
+    """
+    target = (jnp.asarray(profile.min_bg_mg_dl) + jnp.asarray(profile.max_bg_mg_dl)) / 2.0
+    half = profile.half_basal_exercise_target_mg_dl - NORMAL_TARGET
+    holds = jnp.asarray(profile.exercise_mode) & profile.temptarget_set & (target >= NORMAL_TARGET + _LEAST_ABOVE)
+    return jnp.where(holds, half / (half + jnp.maximum(target - NORMAL_TARGET, 0.0)), 1.0)
 
 
 def _summed(weights: Floats, insulin_U: jax.Array) -> jax.Array:

@@ -5,6 +5,8 @@ Numbers are rounded as JavaScript does it, since oref0 rounds at many places and
 
 from __future__ import annotations
 
+from typing import Final
+
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 
@@ -67,6 +69,10 @@ class MealData:
     """Time since the last meal; any number without one."""
 
 
+NORMAL_TARGET: Final = 100.0
+"""Target by which a temporary one is high or low, whatever the schedule has."""
+
+
 @pytree
 class DosingProfile:
     """``profile``: what is known of the person, and the preferences with their defaults of ``profile/index.js``."""
@@ -97,8 +103,9 @@ class DosingProfile:
     allow_smb_with_high_temptarget: jax.Array | bool = False
     enable_smb_with_temptarget: jax.Array | bool = False
     high_temptarget_raises_sensitivity: jax.Array | bool = False
-    """``high_temptarget_raises_sensitivity`` or, without what the history of the pump has of it, ``exercise_mode``."""
     low_temptarget_lowers_sensitivity: jax.Array | bool = False
+    exercise_mode: jax.Array | bool = False
+    """``high_temptarget_raises_sensitivity``, and less basal rate in the history of temporary rates."""
     half_basal_exercise_target_mg_dl: jax.Array | float = 160.0
     autosens_max: jax.Array | float = 1.2
     smb_interval_min: jax.Array | float = 3.0

@@ -9,10 +9,9 @@ from typing import Any, Final
 from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
-from glucoloop.component.number_text import number_of, parse_time_of_day
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
 from glucoloop.refusal import Refusal
-from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY, MIN_PER_H
+from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY, MIN_PER_H, number_of, parse_time_of_day
 
 DailyValues = tuple[tuple[float, float], ...]
 """Times of day in minutes after midnight, in their order, and the value from each of them on until the next."""

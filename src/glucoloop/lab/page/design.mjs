@@ -225,10 +225,12 @@ const LEAST_VARIANCE = 0.25;
  * Predictive control by a profile, of which the page sets costs, doubts and the error of the sensor.
  * @param {Tuning} tuning
  * @param {number} noise_variance of the readings
+ * @param {Numbers} of_profile numbers of its model that follow from the profile, where it knows no equations
  * @returns {Numbers}
  */
-export function profileMpc(tuning, noise_variance) {
-  return { ...tuning, measurement_variance: tuning.measurement_variance || Math.max(noise_variance, LEAST_VARIANCE) };
+export function profileMpc(tuning, noise_variance, of_profile) {
+  const measurement_variance = tuning.measurement_variance || Math.max(noise_variance, LEAST_VARIANCE);
+  return { ...tuning, ...of_profile, measurement_variance };
 }
 
 /**
@@ -246,7 +248,8 @@ export function design(name, tuning, patient, noise_variance, sample_time_min, k
     case "basal-bolus":
       return basalBolus(tuning, patient.basal_insulin_mU_min, patient.profile);
     case "profile-mpc":
-      return profileMpc(tuning, noise_variance);
+    case "therapy-mpc":
+      return profileMpc(tuning, noise_variance, patient.of_profile[name]);
     case "pid":
       return pid(tuning, patient.first_order.pid, sample_time_min);
     case "imc":

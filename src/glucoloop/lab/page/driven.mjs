@@ -44,7 +44,7 @@ function product(a, b, size, width, into) {
 }
 
 /**
- * Matrices of a step of the driven block, as `glucoloop.simulation.driven_block` sums and doubles them.
+ * Matrices of a step of the driven block, as `glucoloop.simulation.people_plant` sums and doubles them.
  * @param {ArrayLike<number>} rates A with b beside it, (d, d + 1)
  * @param {import("./situation.mjs").People} of
  * @returns {Float64Array} the step's end (d, d + 1), and the path at the nodes (3, d, d + 1)

@@ -62,6 +62,8 @@
  * @property {number} setpoint_mg_dl
  * @property {number} glucose_mg_dl
  * @property {{carb_ratio_g_U: number, correction_mg_dl_U: number}} profile of the person, as far as basal-bolus therapy needs it
+ * @property {Record<string, import("./design.mjs").Numbers>} of_profile numbers of the model of predictive control by a profile,
+ *   by controller, where it knows no equations of the patient
  * @property {{pid: import("./design.mjs").FirstOrder, imc: import("./design.mjs").FirstOrder}} first_order
  * @property {import("./design.mjs").Numbers & {step_response: number[]}} response as linear MPC keeps it: coefficients, and a
  *   realisation of what comes after them

@@ -28,8 +28,8 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.studies.adversary import Adversary
 from glucoloop.threefry import uniforms
-from glucoloop.trials.blocks import in_blocks
 from glucoloop.trials.engine import brought, loop_of, people_of
+from glucoloop.trials.people import in_blocks
 from glucoloop.trials.trial import Trial
 from glucoloop.tuning.evolution import Evolution
 

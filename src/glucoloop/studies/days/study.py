@@ -26,8 +26,7 @@ from glucoloop.metrics.readings.profile import PARTS_OF_DAY, by_time_of_day
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import MetricRow, lines_table
-from glucoloop.reporting.record_goals import GOALS
-from glucoloop.reporting.record_groups import ReportedGroup, ReportedRecord
+from glucoloop.reporting.record_groups import GOALS, ReportedGroup, ReportedRecord
 from glucoloop.reporting.record_page import medians_plot
 from glucoloop.reporting.template import render
 from glucoloop.situations.scenarios import SCENARIOS
@@ -37,7 +36,6 @@ from glucoloop.studies.days import SCENARIO, TRIAL, DaysRequest
 from glucoloop.studies.days.habits import (
     Gaps,
     Habits,
-    Occasion,
     WeekendDifference,
     filled,
     habits_of,
@@ -157,12 +155,11 @@ def _plain(habits: Habits) -> dict[str, Any]:
     named = {
         name: value._asdict() for name, value in vars(habits).items() if isinstance(value, WeekendDifference | Gaps)
     }
-    occasions = {name: [_occasion(one) for one in getattr(habits, name)] for name in ("entered", "not_entered")}
+    occasions = {
+        name: [{**one._asdict(), "per_day": one.per_day} for one in getattr(habits, name)]
+        for name in ("entered", "not_entered")
+    }
     return {**vars(habits), **named, **occasions}
-
-
-def _occasion(occasion: Occasion) -> dict[str, Any]:
-    return {**occasion._asdict(), "per_day": occasion.per_day}
 
 
 def _percentile(values: Values, percentage: float) -> float:

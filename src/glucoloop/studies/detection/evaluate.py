@@ -33,8 +33,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import Case, completed_case
 from glucoloop.studies.detection import Detection
-from glucoloop.trials.blocks import in_blocks
 from glucoloop.trials.engine import fold_of, loop_of, people_of
+from glucoloop.trials.people import in_blocks
 from glucoloop.units import MIN_PER_DAY
 
 T = TypeVar("T")

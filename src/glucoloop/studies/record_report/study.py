@@ -17,8 +17,7 @@ from glucoloop.metrics.readings.series import Readings
 from glucoloop.records import FileRefusal
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import FittingTable, lines_table
-from glucoloop.reporting.record_goals import GOALS, Goals
-from glucoloop.reporting.record_groups import Reported, ReportedGroup, ReportedRecord, groups_of, warnings
+from glucoloop.reporting.record_groups import GOALS, Goals, Reported, ReportedGroup, ReportedRecord, groups_of, warnings
 from glucoloop.reporting.record_page import MAX_IN_FULL, SHORT_NUMBERS, number_columns, number_rows, record_page
 from glucoloop.storage.results import Results
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
@@ -160,7 +159,7 @@ def _rows_table(head: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> A
 
 def files_of(config: RecordRequest, results: Results) -> dict[str, bytes]:
     """The page, and the figure."""
-    from glucoloop.reporting.figure_files import figure_files
+    from glucoloop.reporting.print_figure import figure_files
     from glucoloop.reporting.record_figure import plot_records
 
     records, goals = results.extra.records, GOALS[config.goals]

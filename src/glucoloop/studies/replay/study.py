@@ -24,22 +24,22 @@ from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, terminal_table
 from glucoloop.reporting.days_figure import DayTraces, days_plot, plot_days
-from glucoloop.reporting.figure_files import figure_files
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.reporting.template import render
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.situations.case import Case
-from glucoloop.situations.changes import read_change
 from glucoloop.situations.population import person_of
 from glucoloop.situations.situation import Situation
+from glucoloop.situations.therapy_text import read_change
 from glucoloop.storage.results import Results
 from glucoloop.studies.replay import ReplayRequest, twin_values
 from glucoloop.studies.replay.changed_doses import CalculatorNumbers, changed_doses
 from glucoloop.studies.twin.study import record_of
 from glucoloop.text import how_many
-from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.people import block_size, in_blocks
 from glucoloop.twins import (
     Explained,
     StoredTwin,
@@ -147,8 +147,7 @@ def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Result
 def _replayed(
     config: ReplayRequest, twin: StoredTwin, record: GriddedRecord, progress: Callable[[str], None]
 ) -> _Replayed:
-    settings = {name: getattr(config, name) for name in Situation.settings()}
-    situation = Situation(**{**settings, "start": f"{record.first:%H:%M}"})
+    situation = Situation.narrowed(config, start=f"{record.first:%H:%M}")
     everybody = list(replay_people(twin, config.draws, config.seed))
     number = how_many(len(everybody), "person", "people")
     persons = explained_people(everybody, record, twin.mean_mg_dl, lambda at: progress(f"{at} of {number} explained"))

@@ -14,21 +14,21 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._pytree import varying
 from glucoloop.build.assemble import of_nominal_person
 from glucoloop.build.designs import design_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.build.titration import profile_of, with_profiles
-from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import Tuned
 from glucoloop.control import Controller
 from glucoloop.patients import Patient
 from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.case import Case
 from glucoloop.therapy import Profile, given_profile
-from glucoloop.trials.blocks import block_size
 from glucoloop.trials.engine import fold_of, loop_of
+from glucoloop.trials.people import block_size
 from glucoloop.trials.trial import Trial
 
 Array = npt.NDArray[Any]

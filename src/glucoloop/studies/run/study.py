@@ -21,12 +21,11 @@ from glucoloop.refusal import Refusal
 from glucoloop.reporting import Repeat, comparison_table, interactive_page, metrics_table, plot
 from glucoloop.reporting.columns import Column, terminal_table
 from glucoloop.reporting.descriptions import comparison_facts, run_facts
-from glucoloop.reporting.figure_files import figure_files
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.simulation import Trace
-from glucoloop.situations.changes import read_change
 from glucoloop.situations.run import Run
-from glucoloop.situations.therapy_text import NUMBERS
-from glucoloop.storage import tables as stored
+from glucoloop.situations.therapy_text import NUMBERS, read_change
+from glucoloop.storage import results
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.studies.closed_loop import Outcome, close_the_loop
@@ -152,15 +151,15 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
         *_notes_on_bound(config, loops),
     ]
     samples, minutes = (
-        stored.stacked({label: table(outcome.trace) for label, outcome in outcomes.items()})
-        for table in (Trace.to_polars, stored.minute_table)
+        results.stacked({label: table(outcome.trace) for label, outcome in outcomes.items()})
+        for table in (Trace.to_polars, results.minute_table)
     )
     return Results(plain, _tables(samples, minutes), loops)
 
 
 def results_of_loop(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Results:
     """Results of one loop."""
-    tables = _tables(outcome.trace.to_polars(), stored.minute_table(outcome.trace))
+    tables = _tables(outcome.trace.to_polars(), results.minute_table(outcome.trace))
     if outcome.trace.forecast is not None:
         forecasts = outcome.trace.forecasts_to_polars()
         tables |= {"forecasts.parquet": forecasts, "forecasts.csv": forecasts}
@@ -242,7 +241,7 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
         command, title = "run" if type(config) is Run else "hil", f"{name} at {config.place}"
         facts = run_facts(config, outcome.case, outcome.computed_settings)
         facts |= {"Changes of the therapy": "; ".join(config.changes)} if config.changes else {}
-        files |= _profile_file(config)
+    files |= _profile_file(config)
     again = _repeat(config, loops, command, {label: name for label, (name, _) in models.items()})
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
@@ -273,9 +272,12 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
 
 
 def _profile_file(config: Run) -> dict[str, bytes]:
-    """Therapy by the clock of a run as a profile of Nightscout, without its overrides; empty where it is constant."""
-    changed = dataclasses.replace(config, overrides=())
-    changed = changed.with_changes(changed.changes) if changed.changes else changed
+    """Therapy by the clock as a profile of Nightscout, without its overrides; empty where it is constant.
+
+    That of a comparison is the therapy as it is, without the changes beside it.
+    """
+    changed: Run = dataclasses.replace(config, overrides=())
+    changed = changed.with_changes(changed.changes if changed.changes_together else ())
     schedule, own = changed.schedule, profile_of(changed)
     if not schedule.changes:
         return {}

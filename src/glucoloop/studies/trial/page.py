@@ -16,14 +16,12 @@ from glucoloop.metrics.metric import result_named
 from glucoloop.reporting._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.reporting.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent, thinned
 from glucoloop.reporting.columns import MetricRow
-from glucoloop.reporting.labelled_traces import exercise_in_words
+from glucoloop.reporting.labelled_traces import concentrations, exercise_in_words
 from glucoloop.reporting.page import glucose_panel, mark_faults
-from glucoloop.reporting.periods import concentrations
 from glucoloop.reporting.template import render
 from glucoloop.studies.trial.report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.text import NOT_AVAILABLE, percent
-from glucoloop.trials.intervals import FEWEST_DIFFERENT
-from glucoloop.trials.quantiles import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
+from glucoloop.trials.statistics import FEWEST_DIFFERENT, GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
 from glucoloop.units import MIN_PER_WEEK
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))

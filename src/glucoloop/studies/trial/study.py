@@ -19,20 +19,27 @@ from glucoloop.reporting.descriptions import (
     person_in_words,
     trial_facts,
 )
-from glucoloop.reporting.figure_files import figure_files
+from glucoloop.reporting.print_figure import figure_files
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
 from glucoloop.studies.trial import TrialRequest
-from glucoloop.studies.trial.differences import difference_rows, margin_conclusions
-from glucoloop.studies.trial.differences import sentences as sentences
 from glucoloop.studies.trial.figure import plot_trial
 from glucoloop.studies.trial.page import trial_page
-from glucoloop.studies.trial.report import CaseReport, MetricDistribution, TrialReport, WorstPerson, ranges_pct
+from glucoloop.studies.trial.report import (
+    CaseReport,
+    MetricDistribution,
+    TrialReport,
+    WorstPerson,
+    difference_rows,
+    margin_conclusions,
+    ranges_pct,
+)
+from glucoloop.studies.trial.report import sentences as sentences
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.trials import engine
 from glucoloop.trials.folder import BANDS, REPORT, TrialFolder
-from glucoloop.trials.quantiles import BAND_QUANTILES, quantiles_of_counts, times_pct
 from glucoloop.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
+from glucoloop.trials.statistics import BAND_QUANTILES, quantiles_of_counts, times_pct
 from glucoloop.trials.summary import TrialSummary, summarise_people
 from glucoloop.trials.trial import Trial
 

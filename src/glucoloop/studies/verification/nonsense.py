@@ -26,7 +26,7 @@ from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification
 from glucoloop.studies.verification.campaign import LISTED, Floats, Numbers, Progress, catalogue_controller
 from glucoloop.threefry import uniforms
-from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.people import block_size, in_blocks
 
 _BOLUS_OF_RATE_MIN: Final = 60.0
 """A bolus that is requested or reported at will is an hour of the rate that is."""

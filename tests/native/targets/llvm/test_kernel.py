@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.native import divisions
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import emit, kernel
 from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes, vectors_at_once
@@ -175,7 +174,7 @@ def test_nor_how_wide_a_vector_is(lowered, compiled, numbers, monkeypatch, bits,
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_sharing_divisions_loses_a_few_units_in_the_last_place(compiled, numbers, monkeypatch, precision):
-    monkeypatch.setattr(divisions, "_QUOTIENTS_A_DIVISION", 1)
+    monkeypatch.setattr("glucoloop.native.lower._QUOTIENTS_A_DIVISION", 1)
     apart = compile_kernel(lower(step, *EXAMPLE, REACHING, TOLD, precision=precision))
     divided = [k.text.count("fdiv") for k in (apart, compiled[precision])]
     assert divided[0] > divided[1]

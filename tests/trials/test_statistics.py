@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from glucoloop.trials.quantiles import (
+from glucoloop.trials.statistics import (
     BAND_QUANTILES,
     Moments,
     bin_numbers,
