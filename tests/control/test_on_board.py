@@ -6,8 +6,7 @@ import pytest
 from scipy.integrate import quad
 
 import glucoloop as gl
-from glucoloop.control.loop_like import rate_of_absorption
-from glucoloop.control.on_board import curves, on_board
+from glucoloop.control.loop_like import curves, on_board, rate_of_absorption
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop

@@ -56,7 +56,7 @@ def _effects(
     record: GriddedRecord, usual: UsualDay, origins: Places, horizons: Places, *, future_known: bool
 ) -> Values:
     """Insulin that acts [U] and carbohydrate that is absorbed [g] until each horizon, ``(origins, horizons, 2)``."""
-    from glucoloop.control.on_board import curves
+    from glucoloop.control.loop_like import curves
 
     basal_U = usual.basal_U[record.clock]
     history = (record.insulin_U - basal_U, record.carbs_g)
