@@ -135,9 +135,9 @@ class Trace:
 
     @property
     def _curves(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        from glucoloop.control.loop_like import curves
+        from glucoloop.control.loop_like import on_board_curves
 
-        return curves(float(self._sample_time_min))
+        return on_board_curves(float(self._sample_time_min))
 
     @property
     def glucose_valid(self) -> jax.Array:
