@@ -1,4 +1,4 @@
-"""What all pages share: an engine that draws over time, colours, and the packing of modules into one script.
+"""Parts that all pages share: an engine that draws over time, colours, and the packing of modules into one script.
 
 A page is one file and loads nothing. Modules import one another by relative paths, so that node runs them as they are.
 In a page each is a function that returns what it exports.
