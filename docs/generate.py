@@ -28,7 +28,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS, TIMING
 from glucoloop.firmware.safety import SafetyFile
 from glucoloop.lab import pack
-from glucoloop.metrics.catalogue import METRICS
+from glucoloop.metrics.metric import METRICS
 from glucoloop.metrics.readings import MEASURES
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.reproduction.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
@@ -85,7 +85,7 @@ def symbol(name: str) -> str:
 
 
 def constants() -> str:
-    from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS
+    from glucoloop.patients.sorensen.parker1999 import CONSTANTS
 
     sources = list(dict.fromkeys(constant.source for constant in CONSTANTS))
     parts, sigmoids = [], {}

@@ -48,11 +48,11 @@ from glucoloop.forecasts.method import GlucoseForecast as GlucoseForecast
 from glucoloop.forecasts.method import last_readings as last_readings
 from glucoloop.meals.habits import HabitComponent as HabitComponent
 from glucoloop.meals.hovorka import HovorkaGut as HovorkaGut
+from glucoloop.meals.models import MealModelComponent as MealModelComponent
 from glucoloop.meals.protocol import LinearMealModel as LinearMealModel
 from glucoloop.meals.protocol import MealModel as MealModel
 from glucoloop.meals.protocol import OdeMealModel as OdeMealModel
 from glucoloop.meals.rescue import RescueComponent as RescueComponent
-from glucoloop.meals.settings import MealModelComponent as MealModelComponent
 from glucoloop.metrics.metric import Ended as Ended
 from glucoloop.metrics.metric import Metric as Metric
 from glucoloop.metrics.metric import Result as Result

@@ -20,8 +20,8 @@ from glucoloop.control.protocol import uses_of
 from glucoloop.estimation.unknown_meal.protocol import ESTIMATORS
 from glucoloop.faults.fault import FAULTS
 from glucoloop.meals.habits import HABITS
+from glucoloop.meals.models import MEAL_MODELS
 from glucoloop.meals.rescue import RESCUES
-from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.physiology import RHYTHMS
 from glucoloop.pumps import PUMPS
 from glucoloop.refusal import Refusal

@@ -14,7 +14,7 @@ from glucoloop.component.code import loaded
 from glucoloop.component.grammar import NONE
 from glucoloop.component.listing import Reference, cited_components, known_references, reference
 from glucoloop.component.setting import Setting, known_names
-from glucoloop.metrics.catalogue import METRICS
+from glucoloop.metrics.metric import METRICS
 from glucoloop.refusal import Refusal
 from glucoloop.studies.catalogue import STUDIES
 

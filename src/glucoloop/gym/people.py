@@ -19,7 +19,7 @@ from glucoloop.build.designs import with_guard
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.control import Controller
 from glucoloop.control.guard_settings import guard_of
-from glucoloop.meals.days import LivedDays
+from glucoloop.meals.habits import LivedDays
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked
-from glucoloop.meals.days import LivedDays
-from glucoloop.meals.habits import HabitComponent
+from glucoloop.meals.habits import HabitComponent, LivedDays
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import Meal, check_warm_up, eaten, in_order
 from glucoloop.refusal import Refusal

@@ -25,10 +25,9 @@ from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.catalogue import patient, patient_entry
 from glucoloop.patients.component import NOMINAL, PatientComponent
-from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.protocol import Patient
 from glucoloop.patients.table import REPLACED, PeopleTable
-from glucoloop.patients.variation import Distribution, Values, Variation
+from glucoloop.patients.variation import Distribution, JointVariation, Values, Variation
 from glucoloop.refusal import MissingExtraError, Refusal
 from glucoloop.therapy import Profile
 from glucoloop.threefry import checked_counter, checked_people, uniforms

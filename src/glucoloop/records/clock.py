@@ -3,6 +3,10 @@
 A file tells times on the wall, or in UTC with or without the offset of the wall. One zone holds for all files: the one
 that the user gives, or else the one that a profile or a device tells. Without a zone the offsets that some times tell
 hold for the others too. What contradicts itself is asked about.
+
+The hour that a clock repeats in autumn is there twice. A file whose rows are in the order in which they were made tells
+the second pass by a step back in time; in one that is sorted by the clock on the wall both passes are interleaved, and
+the course of glucose tells which reading follows which.
 """
 
 from __future__ import annotations

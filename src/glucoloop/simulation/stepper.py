@@ -16,9 +16,8 @@ from glucoloop.arguments import ArgumentTypeError, checked, random_key
 from glucoloop.component.effects import RHYTHMS, warn_without_effect
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.meals.absorption import Absorption, absorb
-from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import meal_model_of
-from glucoloop.meals.protocol import Eaten, MealModel, OdeMealModel
+from glucoloop.meals.protocol import SHORTEST_EATING_MIN, Eaten, MealModel, OdeMealModel
 from glucoloop.meals.scenario import Meal, Scenario
 from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient

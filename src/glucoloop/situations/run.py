@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from glucoloop.meals import Meal, Scenario
-    from glucoloop.meals.days import LivedDays
+    from glucoloop.meals.habits import LivedDays
     from glucoloop.meals.plan import MealPlan
     from glucoloop.patients.population import Population
     from glucoloop.physiology.exercise import Bouts as DrawnBouts

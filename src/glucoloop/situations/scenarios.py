@@ -20,7 +20,7 @@ from glucoloop.control.action import ActionComponent
 from glucoloop.faults import FaultComponent
 from glucoloop.meals.habits import HabitComponent
 from glucoloop.physiology.rhythm import RhythmComponent
-from glucoloop.situations.profile_changes import ProfileErrorComponent
+from glucoloop.situations.therapy_settings import WrongProfile
 from glucoloop.situations.toml import read_file
 from glucoloop.unit_guess import DURATION
 from glucoloop.units import LONGEST_AHEAD_MIN, LONGEST_RUN_MIN, MAX_DAYS, MIN_PER_DAY
@@ -97,14 +97,6 @@ Actions = Annotated[
         "What the person does by hand or tells the controller, like 'bolus, time=14h' or 'exercise, time=16h'; repeat "
         "it for more.",
         flag="--action",
-        rare=True,
-    ),
-]
-WrongProfile = Annotated[
-    ProfileErrorComponent | None,
-    _patient(
-        "Error of the profiles that controllers have, like 'ratio_pct=50' or 'spread_pct=20'; right by default.",
-        flag="--profile-error",
         rare=True,
     ),
 ]

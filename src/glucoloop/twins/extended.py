@@ -36,8 +36,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord
-from glucoloop.forecasts.kalman import daily_waves
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, daily_waves
 from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.patients.capabilities import rest_at, seen_mg_dl, sites
 from glucoloop.patients.catalogue import patient_entry

@@ -35,9 +35,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, usual_day
 from glucoloop.forecasts.method import origins_of
-from glucoloop.forecasts.usual_day import usual_day
 from glucoloop.patients.population import Population
 from glucoloop.refusal import Refusal
 from glucoloop.twins.extended import Days, ExtendedPatient, Numbers, ProgramKey, SampleInputs, days_of_record

@@ -6,8 +6,7 @@ import functools
 from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.setting import Option
-from glucoloop.forecasts.catalogue import METHODS
-from glucoloop.forecasts.method import ForecastMethod
+from glucoloop.forecasts.method import METHODS, ForecastMethod
 from glucoloop.refusal import Refusal
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.studies.study import PlainStudy

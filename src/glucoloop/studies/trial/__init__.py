@@ -52,7 +52,7 @@ class TrialRequest(Trial):
     @property
     def margins(self) -> Mapping[str, float]:
         """Margins by the names of the metrics."""
-        from glucoloop.metrics.catalogue import result_named
+        from glucoloop.metrics.metric import result_named
 
         pairs = map(_margin, self.margin)
         return {result_named(name, self.further_metrics).name: value for name, value in pairs}

@@ -12,7 +12,7 @@ import numpy as np
 from glucoloop.display_units import OTHERS, other_value, shown_unit
 from glucoloop.faults import FAULTS
 from glucoloop.metrics import control_variability as cvga
-from glucoloop.metrics.catalogue import result_named
+from glucoloop.metrics.metric import result_named
 from glucoloop.reporting._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.reporting.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent, thinned
 from glucoloop.reporting.columns import MetricRow

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
+from glucoloop.metrics.metric import result_named
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.reporting.descriptions import (
@@ -19,7 +19,7 @@ from glucoloop.reporting.descriptions import (
     person_in_words,
     trial_facts,
 )
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
 from glucoloop.studies.trial import TrialRequest
