@@ -196,20 +196,25 @@ def is_changed() -> bool:
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] == __package__ and type(module) is ModuleType:  # a lazy one has not been loaded yet
             values = list(vars(module).values())
-            # isinstance loads lazy modules
-            classes = [v for v in values if issubclass(type(v), type) and v.__module__ == name]
-            members = [member for place in (module, *classes) for member in vars(place).values()]
-            looked_at = _own.get(name, ())
-            if len(members) == len(looked_at) and all(map(operator.is_, members, looked_at)):
+            classes, before = _own.get(name, ([], []))
+            if not _same(values, before[: len(values)]):
+                # isinstance loads lazy modules
+                classes = [v for v in values if issubclass(type(v), type) and v.__module__ == name]
+            members = values + [member for of_class in classes for member in vars(of_class).values()]
+            if _same(members, before):
                 continue
             if any(type(member) is FunctionType and not _is_known(member) for member in members):
                 return True
-            _own[name] = members
+            _own[name] = classes, members
     return False
 
 
-_own: dict[str, list[Any]] = {}
-"""Members of the modules in which all was glucoloop's own: comparing them with these is quick."""
+_own: dict[str, tuple[list[type], list[Any]]] = {}
+"""Classes of the modules in which all was glucoloop's own, and all members: comparing them with these is quick."""
+
+
+def _same(values: list[Any], others: list[Any]) -> bool:
+    return len(values) == len(others) and all(map(operator.is_, values, others))
 
 
 def _is_known(function: FunctionType) -> bool:
