@@ -312,3 +312,12 @@ def daily_waves(clock: Places) -> Values:
     phase = 2.0 * np.pi * clock / SAMPLES_PER_DAY
     waves = [wave(order * phase) for order in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)]
     return np.stack([np.ones(clock.size), *waves], axis=-1)
+
+
+def apart(places: Places, least: int) -> Places:
+    """Places in their order, without each that is nearer than `least` to the last one before it that is kept."""
+    kept: list[int] = []
+    for place in places.tolist():
+        if not kept or place >= kept[-1] + least:
+            kept.append(place)
+    return np.array(kept, np.int64)
