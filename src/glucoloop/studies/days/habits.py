@@ -173,11 +173,6 @@ class Habits:
         """Entered carbohydrate of a day."""
         return sum(one.per_day * one.carbs_g for one in self.entered)
 
-    @property
-    def not_entered_g_day(self) -> float:
-        """Carbohydrate of a day that is not entered."""
-        return sum(one.per_day * one.carbs_g for one in self.not_entered)
-
 
 @dataclass(frozen=True)
 class _Eaten:
