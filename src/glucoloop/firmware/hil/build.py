@@ -88,7 +88,7 @@ def refuse_missing_tools(chip: str) -> None:
 
 
 def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Write and compile the firmware for a chip without hardware in an empty folder, and give the command that runs it."""
+    """Write and compile the firmware for an emulated chip in an empty folder, and give the command that runs it."""
     refuse_missing_tools(chip)
     texts = files(exported, chip)
     for name, text in texts.items():
