@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 SAMPLE_MIN: Final = 5.0
 SAMPLES_PER_DAY: Final = round(MIN_PER_DAY / SAMPLE_MIN)
 HARMONICS: Final = 4
+_WAVE_SD_MG_DL: Final = 20.0
 _MIN_READINGS_OF_A_DAY: Final = 24
 """Readings with which a day counts as one: two hours of them, or a day of one an hour."""
 _SAME_RATE: Final = 0.05
@@ -305,6 +306,11 @@ def smoothed_day(values: Values, days: int, window_min: float) -> Values:
     around = np.concatenate([day[day.size - half :], day, day[:half]])
     result: Values = np.convolve(around, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
     return result
+
+
+def harmonics_sd() -> Values:
+    """Standard deviation of each harmonic before a record [mg/dl], of those after the first by its order less."""
+    return np.repeat(_WAVE_SD_MG_DL / np.arange(1, HARMONICS + 1), 2)
 
 
 def daily_waves(clock: Places) -> Values:
