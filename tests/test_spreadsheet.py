@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from glucoloop.pages.script import PAGES
+from glucoloop.pages import PAGES
 from glucoloop.situations.population import named_population
 from glucoloop.storage import results
 from glucoloop.text import text_cell, text_of_cell, write_rows

@@ -6,8 +6,7 @@ import pytest
 from scipy.integrate import quad
 
 import glucoloop as gl
-from glucoloop.control.loop_like import rate_of_absorption
-from glucoloop.control.on_board import curves, on_board
+from glucoloop.control.loop_like import on_board, on_board_curves, rate_of_absorption
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop
@@ -24,7 +23,7 @@ MEAL_AND_BOLUS = {
 
 @pytest.mark.parametrize("sample_time_min", [5.0, 7.5])
 def test_what_is_left_is_what_has_not_acted(sample_time_min):
-    insulin, carbs = curves(sample_time_min)
+    insulin, carbs = on_board_curves(sample_time_min)
     t_min = sample_time_min * np.arange(insulin.size)
     assert (insulin[t_min <= 10.0] == 1.0).all()
     assert insulin[-1] == carbs[-1] == 0.0

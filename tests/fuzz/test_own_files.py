@@ -72,7 +72,7 @@ DOORS = {
             "lab/page_data.py",
             "firmware/safety.py",
             "reproduction/parker1999/comparison.py",
-            "pages/script.py",
+            "pages/__init__.py",
         ),
         "files of the package",
     ),

@@ -56,14 +56,14 @@ def _effects(
     record: GriddedRecord, usual: UsualDay, origins: Places, horizons: Places, *, future_known: bool
 ) -> Values:
     """Insulin that acts [U] and carbohydrate that is absorbed [g] until each horizon, ``(origins, horizons, 2)``."""
-    from glucoloop.control.on_board import curves
+    from glucoloop.control.loop_like import on_board_curves
 
     basal_U = usual.basal_U[record.clock]
     history = (record.insulin_U - basal_U, record.carbs_g)
     unknown = np.zeros(basal_U.size)
     future = (record.user_bolus_U, record.carbs_g) if future_known else (unknown, unknown)
     result = np.empty((origins.size, horizons.size, 2))
-    for kind, left in enumerate(curves(SAMPLE_MIN)):
+    for kind, left in enumerate(on_board_curves(SAMPLE_MIN)):
         curve = 1.0 - left
         for place, horizon in enumerate(horizons.tolist()):
             of_all = effect_of_history(history[kind], curve, horizon) + effect_of_future(future[kind], curve, horizon)
