@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 import glucoloop as gl
-from glucoloop.forecasts.catalogue import METHODS
 from glucoloop.forecasts.grid import SAMPLES_PER_DAY, gridded_record
+from glucoloop.forecasts.method import METHODS
 from glucoloop.forecasts.scores import DAY, forecast_errors
 from glucoloop.refusal import Refusal
 

@@ -21,8 +21,8 @@ jax.config.update("jax_enable_x64", True)
 
 import numpy as np  # noqa: E402
 
-from glucoloop.forecasts.catalogue import METHODS  # noqa: E402
 from glucoloop.forecasts.grid import SAMPLES_PER_DAY, gridded_record  # noqa: E402
+from glucoloop.forecasts.method import METHODS  # noqa: E402
 from glucoloop.forecasts.scores import DAY, forecast_errors  # noqa: E402
 from glucoloop.patients.population import population  # noqa: E402
 from glucoloop.refusal import Refusal  # noqa: E402

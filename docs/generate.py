@@ -22,17 +22,16 @@ import safety
 import glucoloop
 from glucoloop import plugin, units
 from glucoloop.cli import app
-from glucoloop.cli.option import CommandOption
-from glucoloop.component.setting import Default, value_text
+from glucoloop.cli.command import CommandOption
+from glucoloop.component.setting import PANELS, Default, value_text
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS, TIMING
 from glucoloop.firmware.safety import SafetyFile
 from glucoloop.lab import pack
-from glucoloop.metrics.catalogue import METRICS
+from glucoloop.metrics.metric import METRICS
 from glucoloop.metrics.readings import MEASURES
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.reproduction.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
-from glucoloop.situations.option import PANELS
 from glucoloop.studies.catalogue import STUDIES
 
 LEFT_OUT = ("cli",)
@@ -86,7 +85,7 @@ def symbol(name: str) -> str:
 
 
 def constants() -> str:
-    from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS
+    from glucoloop.patients.sorensen.parker1999 import CONSTANTS
 
     sources = list(dict.fromkeys(constant.source for constant in CONSTANTS))
     parts, sigmoids = [], {}
@@ -332,7 +331,7 @@ def option_row(option: CommandOption) -> list[str]:
 
 
 def record_columns() -> str:
-    from glucoloop.storage.tables import RECORD_COLUMNS
+    from glucoloop.storage.results import RECORD_COLUMNS
 
     return ", ".join(map(code, RECORD_COLUMNS)) + "\n"
 

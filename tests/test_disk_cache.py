@@ -15,7 +15,7 @@ from glucoloop._disk_cache import SUFFIX
 from glucoloop._kept_programs import kept_jit
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import kernel
-from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
+from glucoloop.patients.sorensen.parker1999 import PARKER_1999
 from glucoloop.patients.sorensen.rest import infusion_for
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import glucoloop
-from glucoloop._extras import MissingExtraError
+from glucoloop.refusal import MissingExtraError
 from naming import naming
 
 ROOT = Path(glucoloop.__file__).parent

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import glucoloop
-from glucoloop._extras import EXTRAS, MissingExtraError, needed_for
+from glucoloop.refusal import EXTRAS, MissingExtraError, needed_for
 
 SOURCE = Path(glucoloop.__file__).parent
 PROJECT = tomllib.loads((SOURCE.parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -60,7 +60,7 @@ class Missing:
 sys.meta_path.insert(0, Missing())
 sys.modules[sys.argv[1]] = None
 import glucoloop
-from glucoloop._extras import MissingExtraError
+from glucoloop.refusal import MissingExtraError
 
 inspect.getmembers(glucoloop), pydoc.render_doc(glucoloop), exec("from glucoloop import *")
 for found in pkgutil.walk_packages(glucoloop.__path__, "glucoloop.", onerror=lambda name: None):

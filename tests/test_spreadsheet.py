@@ -12,9 +12,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from glucoloop.pages.script import PAGES
+from glucoloop.pages import PAGES
 from glucoloop.situations.population import named_population
-from glucoloop.storage import tables
+from glucoloop.storage import results
 from glucoloop.text import text_cell, text_of_cell, write_rows
 
 COMPUTED = "=+-@\t\r\n＝＋－＠"
@@ -51,7 +51,7 @@ def test_tables_keep_numbers_and_escape_texts_names_and_lists():
             "kind": pl.Series(["@a", "b"], dtype=pl.Categorical),
         }
     )
-    assert tables.csv(table).decode() == (
+    assert results.csv(table).decode() == (
         "'=name,minus,whole,numbers,texts,kind\n'=1+1,-0.1,-3,-1.5 2.0,'=1 b,'@a\n,-1e-300,4,\"\",a,b\n"
     )
 

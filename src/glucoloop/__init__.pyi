@@ -35,7 +35,7 @@ from .control import design_open_loop as design_open_loop
 from .control import design_pid as design_pid
 from .control import guarded as guarded
 from .control import internal_model_tuning as internal_model_tuning
-from .control.wire import observation as observation
+from .control.real_time import observation as observation
 from .display_units import showing as showing
 from .estimation.unknown_meal import MealHabits as MealHabits
 from .estimation.unknown_meal import estimate_meals as estimate_meals

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from glucoloop.cli.option import CommandOption, Given
+from glucoloop.cli.command import CommandOption, Given
 from glucoloop.cli.screen import collected_notes
 from glucoloop.cli.study_command import StudyOutcome, carry_out, study_options
 from glucoloop.component.base import Component

@@ -8,12 +8,12 @@ from glucoloop.component.pytree_component import PytreeComponent as PytreeCompon
 from glucoloop.component.pytree_component import derived as derived
 from glucoloop.component.pytree_component import derived_static as derived_static
 from glucoloop.component.pytree_component import wired as wired
-from glucoloop.component.ranges import Tuned as Tuned
 from glucoloop.component.request import Request as Request
 from glucoloop.component.request import by_default as by_default
 from glucoloop.component.request import completed as completed
 from glucoloop.component.setting import About as About
 from glucoloop.component.setting import Default as Default
+from glucoloop.component.setting import Tuned as Tuned
 from glucoloop.control.action import ActionComponent as ActionComponent
 from glucoloop.control.design_case import DesignCase as DesignCase
 from glucoloop.control.glucagon import GlucagonComponent as GlucagonComponent
@@ -48,11 +48,11 @@ from glucoloop.forecasts.method import GlucoseForecast as GlucoseForecast
 from glucoloop.forecasts.method import last_readings as last_readings
 from glucoloop.meals.habits import HabitComponent as HabitComponent
 from glucoloop.meals.hovorka import HovorkaGut as HovorkaGut
+from glucoloop.meals.models import MealModelComponent as MealModelComponent
 from glucoloop.meals.protocol import LinearMealModel as LinearMealModel
 from glucoloop.meals.protocol import MealModel as MealModel
 from glucoloop.meals.protocol import OdeMealModel as OdeMealModel
 from glucoloop.meals.rescue import RescueComponent as RescueComponent
-from glucoloop.meals.settings import MealModelComponent as MealModelComponent
 from glucoloop.metrics.metric import Ended as Ended
 from glucoloop.metrics.metric import Metric as Metric
 from glucoloop.metrics.metric import Result as Result

@@ -1,9 +1,10 @@
-"""The error of a value that cannot be used, which is the user's mistake and no bug."""
+"""The error of a value that cannot be used, or of a package that is missing: the user's mistake and no bug."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from typing import Final, Self
 
 _OPTION: Final = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
@@ -65,3 +66,41 @@ def _sentence(problem: str, remedies: tuple[str, ...]) -> str:
         return problem
     ways = ", or ".join(filter(None, (", ".join(remedies[:-1]), remedies[-1])))
     return f"{problem} {ways[0].upper()}{ways[1:]}" if problem.endswith(".") else f"{problem}; {ways}"
+
+
+EXTRAS: Final = {
+    "cmaes": "search",
+    "dask": "dask",
+    "distributed": "dask",
+    "duckdb": "query",
+    "gymnasium": "gym",
+    "optuna": "search",
+    "python_calamine": "xlsx",
+    "simglucose": "uva",
+    "stable_baselines3": "rl",
+}
+"""Extra of ``pyproject.toml`` that installs a package."""
+
+
+class MissingExtraError(Refusal):
+    """An optional package is not installed; the message names its extra."""
+
+
+@contextmanager
+def needed_for(what: str) -> Iterator[None]:
+    """Turn a failed import of an optional package in the block into a MissingExtraError that names the extra.
+
+    `what` is the purpose of the import, as the subject of a sentence in the singular.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
+            raise
+        raise missing(what, package) from None
+
+
+def missing(what: str, package: str) -> MissingExtraError:
+    """Error that says which extra installs the optional package that something needs."""
+    return MissingExtraError(f"{what} needs {package}; install it with: pip install 'glucoloop[{EXTRAS[package]}]'")

@@ -209,7 +209,7 @@ def given_profile(controller: Any, profile: Profile) -> Any:
     return controller
 
 
-class RapidInsulin(NamedTuple):
+class _RapidInsulin(NamedTuple):
     """Times of a kind of insulin, in minutes."""
 
     action_min: float
@@ -221,10 +221,10 @@ class RapidInsulin(NamedTuple):
 
 
 INSULINS: Final = {
-    "rapid-adult": RapidInsulin(360.0, 75.0, 10.0),
-    "rapid-child": RapidInsulin(360.0, 65.0, 10.0),
-    "fiasp": RapidInsulin(360.0, 55.0, 10.0),
-    "lyumjev": RapidInsulin(360.0, 55.0, 10.0),
+    "rapid-adult": _RapidInsulin(360.0, 75.0, 10.0),
+    "rapid-child": _RapidInsulin(360.0, 65.0, 10.0),
+    "fiasp": _RapidInsulin(360.0, 55.0, 10.0),
+    "lyumjev": _RapidInsulin(360.0, 55.0, 10.0),
 }
 """Insulins under the skin by name, of LoopKit's `ExponentialInsulinModelPreset`."""
 

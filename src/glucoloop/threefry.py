@@ -15,8 +15,8 @@ import hashlib
 from typing import Any, Final
 
 from glucoloop._lazy_jax import np, npt
-from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.refusal import Refusal
+from glucoloop.units import LARGEST_COUNTER
 
 _PARITY: Final = 0x1BD11BDA
 _ROTATIONS: Final = ((13, 15, 26, 6), (17, 29, 16, 24))

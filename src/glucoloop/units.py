@@ -1,7 +1,8 @@
 """Units: the conversion constants of the project, the units in use, and numbers as a person writes them.
 
 Everything is computed in mg/dl, mU/min, min, g and U, and names that cross a boundary end in their unit. Multiply by a
-constant to convert, divide to convert back. Functions take numbers and arrays alike, of NumPy and JAX too.
+constant to convert, divide to convert back. Functions take numbers and arrays alike, of NumPy and JAX too. The largest
+numbers that several layers share stand here too.
 """
 
 from __future__ import annotations
@@ -36,7 +37,6 @@ MG_DL_PER_MMOL_L = MOLAR_MASS_GLUCOSE_G_MOL / 10.0
 MU_MIN_PER_U_H = MU_PER_U / MIN_PER_H
 MU_MIN_PER_PMOL_MIN = MU_PER_U / PMOL_PER_U
 PG_ML_PER_UG_L = 1000.0
-UG_PER_MG = 1000.0
 
 UNIT_BY_ENDING: Final = {
     "_mg_dl_h": "mg/dl per h",
@@ -110,16 +110,6 @@ def mu_min_from_u_h(insulin_U_h: Number) -> Number:
     return insulin_U_h * MU_PER_U / MIN_PER_H
 
 
-def pmol_min_from_mu_min(insulin_mU_min: Number) -> Number:
-    """Insulin rate in pmol/min, the unit of many physiological models."""
-    return insulin_mU_min / MU_MIN_PER_PMOL_MIN
-
-
-def mu_min_from_pmol_min(insulin_pmol_min: Number) -> Number:
-    """Insulin rate in mU/min, from pmol/min."""
-    return insulin_pmol_min * MU_MIN_PER_PMOL_MIN
-
-
 UNITS_OF_TIME: Final = {"min": 1.0, "m": 1.0, "h": MIN_PER_H, "d": MIN_PER_DAY}
 """Minutes in each unit in which a time may be written."""
 # No two parts in a row can take the same characters: a long text that is no number is refused as fast as it is read.
@@ -141,3 +131,15 @@ def parse_time_of_day(text: str) -> float:
     if not minutes < MIN_PER_DAY:
         raise Refusal(f"{text!r} is no time of day; write it like 07:30, from 00:00 to 23:59")
     return minutes
+
+
+LARGEST_COUNTER: Final = 2**32 - 1
+"""Largest seed of people, number of a person, or index."""
+LARGEST_SEED: Final = 2**32 - 1
+"""Largest seed of a sensor."""
+MAX_PEOPLE: Final = 1_000_000_000
+MAX_DAYS: Final = 366
+LONGEST_RUN_MIN: Final = 366 * 1440.0
+LARGEST_MEAL_G: Final = 1000.0
+LONGEST_AHEAD_MIN: Final = 180.0
+"""Longest time before eating at which a meal may be announced."""

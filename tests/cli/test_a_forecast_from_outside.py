@@ -5,7 +5,7 @@ import json
 import pytest
 
 from forecast_records import device_record, drawn_record
-from glucoloop.forecasts.catalogue import METHODS
+from glucoloop.forecasts.method import METHODS
 
 
 @pytest.mark.parametrize("name", ["returning", "your_own_forecast:Returning"])

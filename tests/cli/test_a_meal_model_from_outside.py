@@ -3,7 +3,7 @@
 import pytest
 
 from glucoloop.meals import HovorkaGut, Scenario
-from glucoloop.meals.settings import MEAL_MODELS
+from glucoloop.meals.models import MEAL_MODELS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 

@@ -6,8 +6,7 @@ import polars as pl
 import pytest
 
 from glucoloop.metrics import RunningMetrics
-from glucoloop.metrics.catalogue import METRICS, default_results, metrics_with
-from glucoloop.metrics.metric import Result
+from glucoloop.metrics.metric import METRICS, Result, default_results, metrics_with
 
 NAME = "your_own_metric:TightRange"
 SHORT = ("--controller", "basal", "--duration", "60", "--meal", "50g@10min", "--metric")

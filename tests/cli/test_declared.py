@@ -14,8 +14,8 @@ import pytest
 from glucoloop.cli import app
 from glucoloop.cli.study_command import study_options
 from glucoloop.component.base import Component
+from glucoloop.component.setting import Option
 from glucoloop.reporting.columns import Column, terminal_table, whole
-from glucoloop.situations.option import Option
 from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.catalogue import SAFETY, CommandEntry

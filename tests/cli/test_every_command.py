@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.cli.app import command_of, names
-from glucoloop.cli.option import SET
+from glucoloop.cli.command import SET
 from glucoloop.cli.request import command_request
 from glucoloop.component.request import configuration_from, read_root
 from glucoloop.refusal import Refusal

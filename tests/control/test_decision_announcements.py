@@ -15,7 +15,7 @@ from glucoloop.control.decision import MEALS, hear, no_meals_to_come
 from glucoloop.control.guard import guarded
 from glucoloop.control.pace import paced
 from glucoloop.control.protocol import Decision, Observation, Status
-from glucoloop.control.wire import observation
+from glucoloop.control.real_time import observation
 from glucoloop.therapy import Profile
 
 PROFILE = Profile(basal_mU_min=10.0, setpoint_mg_dl=110.0, carb_ratio_g_U=10.0, correction_mg_dl_U=40.0)

@@ -6,8 +6,7 @@ import pytest
 from scipy.integrate import quad
 
 import glucoloop as gl
-from glucoloop.control.loop_like import rate_of_absorption
-from glucoloop.control.on_board import curves, on_board
+from glucoloop.control.loop_like import on_board, on_board_curves, rate_of_absorption
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop
@@ -26,7 +25,7 @@ MEAL_AND_BOLUS = {
 
 @pytest.mark.parametrize("sample_time_min", [5.0, 7.5])
 def test_what_is_left_is_what_has_not_acted(sample_time_min):
-    insulin, carbs = curves(sample_time_min)
+    insulin, carbs = on_board_curves(sample_time_min)
     t_min = sample_time_min * np.arange(insulin.size)
     assert (insulin[t_min <= 10.0] == 1.0).all()
     assert insulin[-1] == carbs[-1] == 0.0
@@ -87,7 +86,7 @@ def test_the_metric_of_a_trial_in_native_code_is_that_of_a_constant_rate():
     metrics = run_people(prepared, "basal-bolus", np.arange(4), threads=1).metrics
     rate_mU_min = metrics["insulin_total_mU"] / 1440.0
     assert np.ptp(rate_mU_min) > 0.1
-    curve, _ = curves(5.0)
+    curve, _ = on_board_curves(5.0)
     by_sample = np.cumsum(np.append(0.0, curve[1:]))[np.minimum(np.arange(288), curve.size - 1)]
     on_board_U = np.outer(by_sample, 5.0 * rate_mU_min * 0.5 / 1.5) / 1000.0
     np.testing.assert_allclose(metrics["largest_insulin_on_board_U"], on_board_U.max(axis=0), rtol=1e-6)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.control import MPCTuning, Status, design_linear_mpc
-from glucoloop.control.wire import observation
+from glucoloop.control.real_time import observation
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import PARKER_1999_LIMITS
 

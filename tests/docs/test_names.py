@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import glucoloop
-from glucoloop._extras import MissingExtraError
+from glucoloop.refusal import MissingExtraError
 
 DOCS = Path(__file__).parents[2] / "docs"
 SOURCE = Path(glucoloop.__file__).parent

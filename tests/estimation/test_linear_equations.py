@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.estimation.steady_state import solved
+from glucoloop.estimation.riccati import solved
 
 RNG = np.random.default_rng(5)
 MATRICES, RIGHTS = RNG.normal(size=(7, 6, 6)), RNG.normal(size=(7, 6, 3))

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.forecasts.grid import SAMPLES_PER_DAY, gridded_record
-from glucoloop.forecasts.usual_day import smoothed_day, usual_day
+from glucoloop.forecasts.grid import SAMPLES_PER_DAY, gridded_record, smoothed_day, usual_day
 from glucoloop.records import DeviceRecord
 from glucoloop.records.record import SCHEMA
 from glucoloop.refusal import Refusal

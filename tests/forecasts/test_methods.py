@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forecast_records import drawn_record, gridded
-from glucoloop.forecasts.catalogue import METHODS
-from glucoloop.forecasts.effects import effect_of_future, effect_of_history
 from glucoloop.forecasts.grid import SAMPLES_PER_DAY
+from glucoloop.forecasts.method import METHODS, effect_of_future, effect_of_history
 from glucoloop.forecasts.ridge import ridge_coefficients
 from glucoloop.forecasts.scores import DAY, forecast_errors
 from glucoloop.refusal import Refusal

@@ -17,7 +17,7 @@ from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.model_file import read_model
-from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
+from glucoloop.storage.results import RECORD_COLUMNS, read_record_columns
 from glucoloop.trials.folder import RECORD, SHARD, SHARDS, SUMMARY, TrialOrigin
 from glucoloop.trials.query import trial_tables
 from glucoloop.trials.trial import Trial

@@ -25,9 +25,8 @@ from glucoloop.situations.toml import read_file
 from glucoloop.snapshot import pack, unpack
 from glucoloop.storage.disk import read_sums, sums_text
 from glucoloop.storage.folder import SUMS
-from glucoloop.storage.results import Results
+from glucoloop.storage.results import Results, parquet
 from glucoloop.storage.resumable import Origin
-from glucoloop.storage.tables import parquet
 from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.record_report.sources import _table_of
 from glucoloop.studies.replay import twin_values
@@ -48,8 +47,7 @@ DOORS = {
     "storage/files.py": "the door itself: text of a bounded size",
     "situations/toml.py": "the door itself: TOML of a bounded depth",
     "records/file_text.py": "the door itself: files of strangers",
-    "storage/results.py": "JSON that was just made",
-    "storage/tables.py": "CSV of the text of a door",
+    "storage/results.py": "JSON that was just made, and CSV of the text of a door",
     "storage/resumable.py": "compared with what is expected, byte by byte",
     "records/user_files.py": "parts of an archive from a door, of a bounded size",
     "records/web_request.py": "answers of a site, of a bounded size and time",
@@ -60,7 +58,7 @@ DOORS = {
     "firmware/hil/link.py": "memory of the device that the build made",
     "firmware/hil/build.py": "the image that the build made",
     "firmware/checks.py": "results of the compiler that just ran",
-    "native/targets/wasm/module.py": "results of the compiler that just ran",
+    "native/targets/wasm/__init__.py": "results of the compiler that just ran",
     "cli/app.py": "the null device",
     **dict.fromkeys(
         (
@@ -74,7 +72,7 @@ DOORS = {
             "lab/page_data.py",
             "firmware/safety.py",
             "reproduction/parker1999/comparison.py",
-            "pages/script.py",
+            "pages/__init__.py",
         ),
         "files of the package",
     ),

@@ -9,7 +9,7 @@ import pytest
 
 from glucoloop import faults as parts
 from glucoloop.lab.pack import DATA, PAGE
-from glucoloop.native.targets.wasm.module import _HOST
+from glucoloop.native.targets.wasm import _HOST
 
 NODE = shutil.which("node")
 

@@ -7,7 +7,7 @@ import pytest
 
 from browser import NODE
 from glucoloop.lab.pack import PAGE, page
-from glucoloop.pages.script import program
+from glucoloop.pages import program
 from glucoloop.refusal import Refusal
 
 BEGUN = """export const language = "de";

@@ -16,8 +16,8 @@ import pytest
 from browser import MODULES, NODE, needs_modules
 from glucoloop.lab.pack import DATA, MODULE, PAGE, page
 from glucoloop.lab.patient_functions import FAMILIES
-from glucoloop.native.targets.wasm.module import _HOST
-from glucoloop.pages.script import PAGES
+from glucoloop.native.targets.wasm import _HOST
+from glucoloop.pages import PAGES
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured

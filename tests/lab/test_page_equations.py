@@ -15,7 +15,7 @@ from glucoloop.lab.build import _functions
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import GRID
 from glucoloop.native.interpreter import Interpreter
-from glucoloop.native.targets.wasm.module import _linker_path
+from glucoloop.native.targets.wasm import _linker_path
 from glucoloop.simulation.plant import Exogenous
 from page_loops import run_of
 

@@ -30,7 +30,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import Realisation, StepResponseModel
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.native.lower import lower
-from glucoloop.native.targets.wasm.module import _clang_path, _linker_path
+from glucoloop.native.targets.wasm import _clang_path, _linker_path
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal

@@ -6,7 +6,7 @@ import pytest
 
 from glucoloop._pytree import pytree
 from glucoloop.meals import Eaten, HovorkaGut, LehmannDeutsch, absorb
-from glucoloop.meals.jumps import JumpsInSteps
+from glucoloop.meals.absorption import JumpsInSteps
 
 RNG = np.random.default_rng(4)
 PEOPLE, STEPS, STEP_MIN = 9, 96, 2.5

@@ -25,8 +25,7 @@ from glucoloop.meals import (
     meal_model,
     meal_model_of,
 )
-from glucoloop.meals.models import check_meal_model
-from glucoloop.meals.settings import MEAL_MODELS
+from glucoloop.meals.models import MEAL_MODELS, check_meal_model
 
 T_MIN = st.floats(0.0, 100.0)
 CARBS_G = st.floats(0.5, 150.0)

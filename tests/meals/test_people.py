@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.meals import Eaten, HovorkaGut, Ingestion, LehmannDeutsch, absorb
-from glucoloop.meals.jumps import JumpsInSteps
+from glucoloop.meals.absorption import JumpsInSteps
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
 from glucoloop.meals.linear import appearance_moments, linear_digestion
 

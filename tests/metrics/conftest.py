@@ -5,7 +5,7 @@ import pytest
 
 from glucoloop.control import Status
 from glucoloop.metrics import summarise
-from glucoloop.metrics.catalogue import default_results
+from glucoloop.metrics.metric import default_results
 from glucoloop.pumps import PARKER_1999_LIMITS
 from made_trace import trace_of
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from glucoloop.metrics import Metrics
-from glucoloop.metrics.catalogue import default_results
+from glucoloop.metrics.metric import default_results
 
 
 def metrics_of(value, **changed):

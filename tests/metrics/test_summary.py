@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from glucoloop.control.protocol import Status
 from glucoloop.metrics import summarise
-from glucoloop.metrics.catalogue import default_results
+from glucoloop.metrics.metric import default_results
 from glucoloop.pumps.limits import DoseLimits
 
 

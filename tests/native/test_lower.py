@@ -11,9 +11,9 @@ import pytest
 from glucoloop.native.interpreter import interpret
 from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.emit import _fused_products
 from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.targets.products import FUSED, STRICT
 
 PEOPLE = 13
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from glucoloop.pages.script import PAGES, _as_function, page_script
+from glucoloop.pages import PAGES, _as_function, page_script
 
 
 def test_every_module_is_in_the_script_of_a_page():

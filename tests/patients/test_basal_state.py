@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.patients import at_basal
-from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
+from glucoloop.patients.sorensen.parker1999 import PARKER_1999
 from glucoloop.patients.sorensen.varying import basal_glucose, with_fasting_glucose
 
 P = PARKER_1999

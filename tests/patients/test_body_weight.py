@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from glucoloop.patients.sorensen.equations import STATE_NAMES, insulin_balances
-from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
+from glucoloop.patients.sorensen.parker1999 import CONSTANTS, PARKER_1999
 from glucoloop.patients.sorensen.rest import infusion_for, insulin_at_rest, rest_at
 from glucoloop.patients.sorensen.varying import FLOWS, VOLUMES, scaled_to_weight
 

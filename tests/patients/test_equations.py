@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from glucoloop.patients import Inputs
 from glucoloop.patients.sorensen import equations as sorensen
 from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters, renal_excretion
-from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
+from glucoloop.patients.sorensen.parker1999 import CONSTANTS, PARKER_1999
 
 GLUCOSE = st.lists(st.floats(1.0, 700.0), min_size=8, max_size=8)
 INSULIN = st.lists(st.floats(0.0, 200.0), min_size=7, max_size=7)

@@ -17,9 +17,9 @@ from glucoloop.patients.hovorka import (
     HovorkaParameters,
     HovorkaPatient,
     at_setpoint,
+    wilinska,
 )
-from glucoloop.patients.hovorka.parameters import wilinska2010
-from glucoloop.patients.hovorka.parameters.hovorka2004 import CONSTANTS
+from glucoloop.patients.hovorka.hovorka2004 import CONSTANTS
 from glucoloop.simulation import linear_model
 from hovorka_by_hand import ANOTHER, BY_HAND_NAMES, EVERYBODY, NOMINAL, TO_OURS, by_hand, parameters, person
 
@@ -36,7 +36,7 @@ def people():
     return alone, jax.tree.map(lambda *constants: jnp.asarray(constants), *alone)
 
 
-@pytest.mark.parametrize(("record", "constants"), [(HOVORKA_2004, CONSTANTS), (WILINSKA_2010, wilinska2010.CONSTANTS)])
+@pytest.mark.parametrize(("record", "constants"), [(HOVORKA_2004, CONSTANTS), (WILINSKA_2010, wilinska.CONSTANTS)])
 def test_every_constant_is_given_once_with_unit_meaning_and_source(record, constants):
     assert sorted(constant.name for constant in constants) == sorted(field.name for field in dataclasses.fields(record))
     for constant in constants:

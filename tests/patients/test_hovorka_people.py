@@ -10,7 +10,7 @@ from glucoloop.control import PIDTuning, design_pid
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.patients import Population, Variation, patient, population, virtual_people
 from glucoloop.patients.hovorka import HOVORKA_2004, STATE_NAMES, WILINSKA_2010
-from glucoloop.patients.hovorka.parameters.boiroux2017 import DISTRIBUTIONS
+from glucoloop.patients.hovorka.hovorka2004 import DISTRIBUTIONS
 from glucoloop.patients.hovorka.patient import Hovorka2004
 from glucoloop.patients.hovorka.varying import nominal_values, with_values
 from glucoloop.sensors import IdealSensor

@@ -18,7 +18,7 @@ from glucoloop.patients.hovorka import (
     at_basal,
     at_setpoint,
 )
-from glucoloop.patients.hovorka.rest import infusion_for, rest_at, rest_under
+from glucoloop.patients.hovorka.equations import infusion_for, rest_at, rest_under
 from hovorka_by_hand import EVERYBODY, NOMINAL, TO_HAND, TO_OURS, WILINSKA, by_hand, hovorka_by_hand, parameters, person
 
 

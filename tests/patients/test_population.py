@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from glucoloop.patients import Inputs, Population, Variation, draw, patient, population, virtual_people
 from glucoloop.patients.sorensen.equations import ARTERIAL_GLUCOSE, GLUCOSE
-from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
+from glucoloop.patients.sorensen.parker1999 import CONSTANTS, PARKER_1999
 from glucoloop.patients.sorensen.rest import rest_under
 from glucoloop.patients.sorensen.varying import NOMINAL, with_values
 from glucoloop.threefry import name_word

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from glucoloop.patients import Inputs, Patient, SemilinearPatient, at_basal, at_setpoint, patient
 from glucoloop.patients.sorensen import equations as sorensen
 from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
-from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
+from glucoloop.patients.sorensen.parker1999 import PARKER_1999
 from glucoloop.patients.sorensen.rest import rest_under
 
 STEADY = {0: 190.831408, 5: 160.002098, 20: 100.421044, 25: 83.0455178, 30: 67.8321106, 40: 23.3968922}

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop._extras import MissingExtraError
 from glucoloop.meals import Eaten, absorb
 from glucoloop.patients import population, virtual_people
 from glucoloop.patients.dalla_man import DallaManPatient
+from glucoloop.refusal import MissingExtraError
 from glucoloop.simulation import Adaptive, Explicit
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.situations.situation import configured

@@ -1,6 +1,5 @@
 """Each reader on a file in the shape of its vendor, against the values that were written into it."""
 
-import json
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -20,37 +19,16 @@ from device_files import (
     clarity,
     every,
     glucose,
-    jaeb,
     juggluco,
     libre,
     nightscout_entries,
-    nightscout_text,
     nightscout_treatments,
     ohio,
     tandem,
     tidepool,
-    tidepool_table,
     xdrip,
 )
-from glucoloop.records import read_people
-
-
-def readings(record):
-    told = record.frame.filter(pl.col("glucose_mg_dl").is_not_null() & pl.col("out_of_range").is_null())
-    return dict(told.select("time", "glucose_mg_dl").iter_rows())
-
-
-def expected(minutes, count=40, start=START):
-    return {time: float(glucose(number)) for number, time in enumerate(every(minutes, count, start))}
-
-
-def values(record, column):
-    return record.frame.filter(pl.col(column).is_not_null()).select("time", column).rows()
-
-
-def minutes(number):
-    return START + timedelta(minutes=number)
-
+from record_values import expected, minutes, readings, values
 
 EVENTS = (
     ("EGV", "", "Low", "", ""),
@@ -196,36 +174,6 @@ def test_carelink_in_mmol(read):
     assert record.frame["glucose_mg_dl"].to_list() == [pytest.approx(99.0858)]
 
 
-def test_nightscout(read):
-    treatments = nightscout_treatments(
-        (minutes(2), {"eventType": "Meal Bolus", "insulin": 4, "carbs": 45}),
-        (minutes(10), {"eventType": "Temp Basal", "absolute": 0.5, "duration": 30}),
-        (minutes(20), {"eventType": "Temp Basal", "rate": 1.5, "duration": 30}),
-        (minutes(90), {"eventType": "Temp Basal", "absolute": 2.0, "duration": 30}),
-        (minutes(100), {"eventType": "Temp Basal", "duration": 0}),
-        (minutes(110), {"eventType": "Temporary Target", "targetTop": 160, "duration": 60}),
-    )
-    record = read(nightscout_entries(), treatments)
-    assert readings(record) == expected(5)
-    assert set(record.frame["utc_offset_min"]) == {60}
-    assert record.frame.filter(pl.col("bolus_U").is_not_null())["carbs_g"].to_list() == [45.0]
-    rates = values(record, "basal_U_h")
-    assert [time for time, _ in rates] == [minutes(n) for n in (10, 20, 50, 90, 100)]
-    assert str([rate for _, rate in rates]) == "[0.5, 1.5, nan, 2.0, nan]"
-    assert record.left_out == {"treatments without carbohydrate or insulin": 1}
-    assert record.rows == 46
-    assert "The basal rate is not known from 2 times on" in " ".join(record.notes)
-
-
-def test_nightscout_codes_of_low_high_and_errors(read):
-    entries = json.loads(nightscout_entries(4))
-    for entry, code in zip(entries, (39, 401, 5, "?"), strict=True):
-        entry["sgv"] = code
-    record = read(json.dumps(entries))
-    assert dict(record.frame.select("glucose_mg_dl", "out_of_range").iter_rows()) == {39.0: "low", 401.0: "high"}
-    assert record.left_out == {"rows with values that are no number or not possible": 2}
-
-
 def test_tidepool(read):
     more = (
         (minutes(1), {"type": "bolus", "normal": 2.5, "extended": 1.5, "duration": 3600000}),
@@ -257,52 +205,6 @@ def test_tidepool(read):
     assert record.frame.filter(pl.col("out_of_range") == "low")["glucose_mg_dl"].to_list() == [39.0]
     assert set(record.frame["utc_offset_min"]) == {-420}
     assert record.left_out == {"finger pricks": 1, "entries about uploads": 1, "entries that were deleted": 1}
-
-
-def test_ohio(read):
-    def at(number):
-        return f"{minutes(number):%d-%m-%Y %H:%M:%S}"
-
-    text = ohio(
-        glucose_level=[{"ts": at(5 * n), "value": str(glucose(n))} for n in range(40)],
-        finger_stick=[{"ts": at(3), "value": "120"}],
-        basal=[{"ts": at(0), "value": "0.9"}],
-        temp_basal=[{"ts_begin": at(60), "ts_end": at(90), "value": "0.0"}],
-        bolus=[{"ts_begin": at(10), "ts_end": at(10), "type": "normal", "dose": "3.5", "bwz_carb_input": "30"}],
-        meal=[{"ts": at(10), "type": "Lunch", "carbs": "30"}],
-        sleep=[{"ts_begin": at(300), "ts_end": at(600), "quality": "3"}],
-        basis_steps=[{"ts": at(1), "value": "12"}],
-    )
-    record = read(text)
-    assert readings(record) == expected(5)
-    assert values(record, "basal_U_h") == [(minutes(0), 0.9), (minutes(60), 0.0), (minutes(90), 0.9)]
-    assert values(record, "bolus_U") == [(minutes(10), 3.5)]
-    assert values(record, "carbs_g") == [(minutes(10), 30.0)]
-    assert record.left_out == {"finger pricks": 1, "times of sleep": 1, "events of other kinds": 1}
-
-
-def test_simglucose(read):
-    lines = [
-        f"{time:%Y-%m-%d %H:%M:%S},{glucose(n)}.5,{glucose(n)},{5.0 if n == 3 else 0.0},0.02,0,0,0"
-        for n, time in enumerate(every(3, 40))
-    ]
-    record = read("\n".join(["Time,BG,CGM,CHO,insulin,LBGI,HBGI,Risk", *lines]))
-    assert readings(record) == expected(3)
-    assert values(record, "carbs_g") == [(minutes(9), 15.0)]
-    assert {rate for _, rate in values(record, "basal_U_h")} == {1.2}
-
-
-def test_replaybg(read):
-    lines = [
-        f"{time:%d-%b-%Y %H:%M:%S},{glucose(n) if n else ''},{2 * (n == 4)},{0.5 * (n == 2)},0.02,,"
-        for n, time in enumerate(every(5, 40))
-    ]
-    record = read("\n".join(["t,glucose,cho,bolus,basal,bolus_label,cho_label", *lines]))
-    assert readings(record) == {time: value for time, value in expected(5).items() if time != START}
-    assert values(record, "carbs_g") == [(minutes(20), 10.0)]
-    assert values(record, "bolus_U") == [(minutes(10), 2.5)]
-    assert {rate for _, rate in values(record, "basal_U_h")} == {1.2}
-    assert record.rows_used == 40
 
 
 def test_any_table_whose_columns_are_named(read, refused):
@@ -377,70 +279,6 @@ def test_xdrip(read):
     assert record.left_out == {"finger pricks": 1}
 
 
-def test_jaeb_of_two_people(tmp_path):
-    (tmp_path / "HDeviceCGM.txt").write_text(jaeb(40, people=("7", "9")))
-    (tmp_path / "HDeviceBolus.txt").write_text(
-        "RecID|PtID|DeviceDtTmDaysFromEnroll|DeviceTm|BolusType|Normal|Extended|Duration\n"
-        "1|7|2|00:13:00|Dual|2.5|1.5|3600000\n2|7|2|00:23:00|Normal|1||\n3|9|2|00:33:00|Square||4|90\n"
-    )
-    (tmp_path / "HDeviceBasal.txt").write_text(
-        "RecID|PtID|DeviceDtTmDaysFromEnroll|DeviceTm|BasalType|Duration|Rate\n"
-        "1|7|2|00:00:00|scheduled|3600000|0.8\n2|7|2|01:00:00|suspend|3600000|\n3|9|2|00:00:00|scheduled|1|1.1\n"
-    )
-    records = read_people(tmp_path)
-    day = datetime(2000, 1, 3)
-    assert list(records) == ["7", "9"]
-    for record in records.values():
-        assert [time - day for time in readings(record)] == [time - datetime(2024, 3, 13) for time in every(5, 40)]
-    assert values(records["7"], "bolus_U") == [
-        (day + timedelta(minutes=at), units) for at, units in ((13, 2.5), (13, 1.5), (23, 1.0))
-    ]
-    assert values(records["7"], "bolus_min") == [(day + timedelta(minutes=13), 60.0)]
-    assert values(records["9"], "bolus_min") == [(day + timedelta(minutes=33), 90.0)]
-    assert values(records["7"], "basal_U_h") == [(day, 0.8), (day + timedelta(hours=1), 0.0)]
-    assert records["7"].left_out == {"finger pricks and calibrations": 1}
-
-
-def test_pedap_tells_the_later_part_at_its_end_and_leaves_out_midnight(read):
-    boluses = (
-        "PtID|DeviceDtTm|BolusAmount|CarbAmount|BolusType|Duration|ExtendedBolusPortion\n"
-        "5|3/13/2024|1.5|20|Standard||\n5|3/13/2024 10:00:00 AM|2|30|Extended|60|Now\n"
-        "5|3/13/2024 11:00:00 AM|3||Extended|60|Later\n"
-    )
-    sensor = (
-        "PtID|DeviceDtTm|CGMValue|HighLowIndicator\n5|3/13/2024 12:05:00 AM|120|0\n5|3/13/2024 12:10:00 AM|0|2\n"
-        "5|3/13/2024 12:15:00 AM|0|1\n"
-    )
-    record = read(boluses, sensor)
-    ten = datetime(2024, 3, 13, 10)
-    assert values(record, "bolus_U") == [(datetime(2024, 3, 13), 1.5), (ten, 2.0), (ten, 3.0)]
-    assert values(record, "bolus_min") == [(ten, 60.0)]
-    assert values(record, "carbs_g") == [(datetime(2024, 3, 13), 20.0), (ten, 30.0)]
-    assert record.frame["glucose_mg_dl"].drop_nulls().to_list() == [120.0, 40.0, 400.0]
-
-
-def test_the_loop_study_is_in_utc_and_in_mmol(read):
-    rows = ("1|2018-05-29 10:02:56|CGM|5.5|mmol/L", "1|2018-05-29 10:07:56|CGM|6|mmol/L")
-    record = read("\n".join(["PtID|UTCDtTm|RecordType|CGMVal|Units", *rows]))
-    assert record.frame["glucose_mg_dl"].to_list() == pytest.approx([99.09, 108.1], abs=0.1)
-    assert record.frame["utc_offset_min"].to_list() == [0, 0]
-
-
-def test_tidepool_as_a_table(read):
-    assert readings(read(tidepool_table(30))) == expected(5, 30)
-
-
-MEAL = (minutes(2), {"eventType": "Meal Bolus", "insulin": 4, "carbs": 45})
-
-
-@pytest.mark.parametrize("delimiter", ["\t", ","])
-def test_nightscout_as_text(read, delimiter):
-    record = read(nightscout_text(40, delimiter), nightscout_treatments(MEAL))
-    assert [value for _, value in sorted(readings(record).items())] == [glucose(n) for n in range(40)]
-    assert record.rows == record.rows_used == 41
-    assert set(record.frame["device"].drop_nulls()) == {"Dexcom G6"}
-
-
 RAW_EVENTS = (
     (minutes(0), "BasalProfileStart", "PATTERN_NAME=standard, RATE=0.5, START_TIME=0, ACTION_REQUESTOR=pump", {}),
     (minutes(1), "BolusWizardBolusEstimate", "CARB_INPUT=64, CARB_UNITS=grams, CARB_RATIO=13", {23: 64}),
@@ -512,31 +350,3 @@ def test_juggluco(read):
         "amounts whose label is none of carbohydrate or insulin": 1,
         "rows that repeat another one": 13,
     }
-
-
-TREATMENTS = (
-    "_id,absolute,carbs,created_at,duration,enteredBy,eventType,insulin,isSMB,isValid,percent,raw_rate/amount\n"
-    "a,,45,{0}T01:00:00.000Z,,Loop,Meal Bolus,4.5,False,True,,\n"
-    "b,0.5,,{0}T02:00:00Z,30,openaps,Temp Basal,,,,,0.5\n"
-    'c,,10,{0}T03:00:00Z,,"x, y",Carb Correction,,,false,,\n'
-    "d,,,{0}T04:00:00Z,,x,Note,NaN,,,,\n"
-).format("2024-03-13")
-
-
-def test_treatments_of_nightscout_as_a_table(read, refused):
-    record = read(TREATMENTS)
-    assert record.frame.select("carbs_g", "bolus_U", "bolus_type").drop_nulls().rows() == [(45.0, 4.5, "manual")]
-    assert str(values(record, "basal_U_h")) == str([(minutes(117), 0.5), (minutes(147), float("nan"))])
-    assert record.left_out == {"entries that were deleted": 1, "treatments without carbohydrate or insulin": 1}
-    local = TREATMENTS.replace("T0", " 0").replace(".000Z", "").replace("Z,", ",")
-    assert refused(local).startswith("its times tell no offset from UTC; say the time zone of their clock")
-    assert values(read(local, time_zone="Europe/Berlin"), "carbs_g") == [(minutes(57), 45.0)]
-
-
-def test_entries_of_nightscout_as_pairs_and_as_a_table(read, refused):
-    pairs = [f"{time:%Y-%m-%dT%H:%M:%S.000Z}, {glucose(n)}" for n, time in enumerate(every(5, 40))]
-    assert readings(read("\n".join(pairs))) == expected(5)
-    rows = [f"{glucose(n) / 18.0156:.9f},{line.split(',')[0]},xDrip" for n, line in enumerate(pairs)]
-    table = "\n".join(["sgv,dateString,device", *rows])
-    assert "it looks like mmol/l" in refused(table)
-    assert list(readings(read(table, glucose_unit="mmol/l"))) == every(5, 40)

@@ -10,7 +10,7 @@ from glucoloop.reporting.descriptions import (
     run_facts,
     trial_facts,
 )
-from glucoloop.reporting.periods import moment_text
+from glucoloop.reporting.labelled_traces import moment_text
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.trials.trial import Trial

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.pages.script import PAGES
+from glucoloop.pages import PAGES
 from glucoloop.reporting.descriptions import run_facts
-from glucoloop.reporting.periods import moment_text, period_text, periods_text
+from glucoloop.reporting.labelled_traces import moment_text, period_text, periods_text
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 

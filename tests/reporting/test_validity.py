@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from glucoloop.metrics import summarise
 from glucoloop.reporting import interactive_page, plot
-from glucoloop.reporting.periods import periods_below, validity, validity_note
+from glucoloop.reporting.labelled_traces import periods_below, validity, validity_note
 
 HIGH, LOW = 80.0, 30.0
 

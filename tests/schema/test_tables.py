@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from glucoloop.schema.tables import TableBounds, parquet_size
-from glucoloop.storage.tables import parquet, read_parquet
+from glucoloop.storage.results import parquet, read_parquet
 
 TABLES = {
     "nobody": pl.DataFrame({"a": pl.Series([], dtype=pl.Float64)}),

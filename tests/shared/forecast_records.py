@@ -5,9 +5,8 @@ import datetime as dt
 import numpy as np
 import polars as pl
 
-from glucoloop.forecasts.grid import SAMPLES_PER_DAY, GriddedRecord
+from glucoloop.forecasts.grid import SAMPLES_PER_DAY, GriddedRecord, UsualDay
 from glucoloop.forecasts.kalman import FittedKalman, unexplained_system
-from glucoloop.forecasts.usual_day import UsualDay
 from glucoloop.records import DeviceRecord
 from glucoloop.records.record import SCHEMA
 

@@ -7,9 +7,9 @@ from glucoloop.patients.hovorka import (
     HovorkaParameters,
     WilinskaParameters,
     at_setpoint,
+    wilinska,
 )
-from glucoloop.patients.hovorka.parameters import wilinska2010
-from glucoloop.patients.hovorka.parameters.hovorka2004 import CONSTANTS
+from glucoloop.patients.hovorka.hovorka2004 import CONSTANTS
 
 NOMINAL = {constant.name: constant.value for constant in CONSTANTS}
 ANOTHER = NOMINAL | {
@@ -31,7 +31,7 @@ ANOTHER = NOMINAL | {
     "A_G": 0.95,
     "t_maxG": 52.0,
 }
-WILINSKA = {constant.name: constant.value for constant in wilinska2010.CONSTANTS}
+WILINSKA = {constant.name: constant.value for constant in wilinska.CONSTANTS}
 OTHER_WILINSKA = WILINSKA | {
     "weight_kg": 61.0,
     "t_maxI": 48.0,

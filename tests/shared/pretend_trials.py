@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from glucoloop.metrics.catalogue import default_results
+from glucoloop.metrics.metric import default_results
 from glucoloop.patients.population import draw
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms

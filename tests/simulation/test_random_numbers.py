@@ -8,7 +8,7 @@ import pytest
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.faults import FAULTS
 from glucoloop.native.lower import lower
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.native.words import lower_drawing
 from glucoloop.pumps import PUMPS
 from glucoloop.pumps.protocol import deliver

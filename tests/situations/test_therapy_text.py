@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.refusal import Refusal
-from glucoloop.situations.profile_changes import OVERRIDES
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.situations.therapy_settings import OVERRIDES
 from glucoloop.situations.therapy_text import change_text, parse_change, profile_texts, target_change
 from glucoloop.therapy import TARGET, Schedule, TherapyChange
 from glucoloop.units import MG_DL_PER_MMOL_L, MU_MIN_PER_U_H

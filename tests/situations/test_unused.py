@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.cli.option import options_of
+from glucoloop.cli.command import options_of
 from glucoloop.cli.request import notes_without_effect
 from glucoloop.component.effects import OF_CONTROLLERS, NoEffectWarning
 from glucoloop.control import guarded
@@ -20,8 +20,8 @@ from glucoloop.control.protocol import uses_of
 from glucoloop.estimation.unknown_meal.protocol import ESTIMATORS
 from glucoloop.faults.fault import FAULTS
 from glucoloop.meals.habits import HABITS
+from glucoloop.meals.models import MEAL_MODELS
 from glucoloop.meals.rescue import RESCUES
-from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.physiology import RHYTHMS
 from glucoloop.pumps import PUMPS
 from glucoloop.refusal import Refusal

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
-from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import Tuned
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise

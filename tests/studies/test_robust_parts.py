@@ -8,10 +8,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.component.ranges import Tuned, parse_range
+from glucoloop.component.setting import Tuned, parse_range
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
-from glucoloop.storage.tables import parquet
+from glucoloop.storage.results import parquet
 from glucoloop.studies.robust import BOTH, RANGES, Search
 from glucoloop.studies.robust.search import NO_SCORES, _Bound, _choose, _judged, _pareto, objective, rows_of, scores
 from glucoloop.tuning.samplers import SAMPLERS, Evaluated

@@ -13,7 +13,7 @@ from glucoloop.build.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import summarise
-from glucoloop.metrics.catalogue import default_results
+from glucoloop.metrics.metric import default_results
 from glucoloop.patients.population import virtual_people
 from glucoloop.simulation import Exponential, simulate
 from glucoloop.situations.situation import configured

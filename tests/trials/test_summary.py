@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from glucoloop.metrics.catalogue import default_results
 from glucoloop.metrics.control_variability import grid_counts
+from glucoloop.metrics.metric import default_results
 from glucoloop.trials.people import PeopleRows
 from glucoloop.trials.summary import DISTRIBUTIONS, MAX_NAMED, summarise_people
 

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.population import Population, population
-from glucoloop.patients.variation import Variation
+from glucoloop.patients.variation import JointVariation, Variation
 from glucoloop.refusal import Refusal
 from glucoloop.twins import prior_of
 

@@ -19,7 +19,7 @@ from glucoloop.build.surroundings import Surroundings, surroundings_of
 from glucoloop.build.titration import profile_of
 from glucoloop.control import Controller, paced
 from glucoloop.meals import Eaten, MealModel, RescueCarbs, Scenario
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.patients import Patient
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.simulation import Trace

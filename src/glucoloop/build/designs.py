@@ -220,17 +220,12 @@ def identified_model(situation: Situation, case: Case, patient: Patient) -> Iden
         record_sensor(situation, identification.noise_variance or 0.0),
         record_key(situation.seed),
         memory=identification.memory or 0,
-        amplitude_mU_min=_pulse_of(situation, float(patient.basal_insulin_mU_min)),
+        amplitude_mU_min=min(situation.patient.pulse_mU_min, float(patient.basal_insulin_mU_min)),
         laguerre_pole=identification.laguerre_pole or 0.0,
         laguerre_functions=identification.laguerre_functions or None,
         subcutaneous=situation.patient.subcutaneous,
         sample_time_min=situation.sample_time_min,
     )
-
-
-def _pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
-    """Height of the pulses of the experiment: the default one for the patient, but at most the basal rate."""
-    return min(situation.patient.pulse_mU_min, basal_insulin_mU_min)
 
 
 def with_actions(controller: Controller, situation: Situation, profile: Profile | None) -> Controller:

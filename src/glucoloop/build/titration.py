@@ -32,7 +32,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree, static
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.meals import Eaten, MealModel
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.patients import Patient
 from glucoloop.patients.component import NOMINAL
 from glucoloop.patients.population import VirtualPeople, of_people, population, virtual_people

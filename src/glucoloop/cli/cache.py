@@ -6,8 +6,7 @@ import contextlib
 from typing import Final
 
 from glucoloop import _disk_cache
-from glucoloop.cli.command import Command
-from glucoloop.cli.option import JSON, CommandOption, Given
+from glucoloop.cli.command import JSON, Command, CommandOption, Given
 from glucoloop.cli.screen import print_text, print_value
 from glucoloop.private_folder import refuse_of_others
 from glucoloop.refusal import Refusal

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from glucoloop.cli.command import Command
-from glucoloop.cli.option import ALLOW_CODE, CommandOption, Given
+from glucoloop.cli.command import ALLOW_CODE, Command, CommandOption, Given
 from glucoloop.cli.screen import note, print_text, print_value
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import catalogues
@@ -15,7 +14,7 @@ from glucoloop.component.code import loaded
 from glucoloop.component.grammar import NONE
 from glucoloop.component.listing import Reference, cited_components, known_references, reference
 from glucoloop.component.setting import Setting, known_names
-from glucoloop.metrics.catalogue import METRICS
+from glucoloop.metrics.metric import METRICS
 from glucoloop.refusal import Refusal
 from glucoloop.studies.catalogue import STUDIES
 

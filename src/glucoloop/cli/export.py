@@ -6,8 +6,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from glucoloop.cli.command import Command
-from glucoloop.cli.option import ALLOW_CODE, OUTPUT, CommandOption, Given, options_of
+from glucoloop.cli.command import ALLOW_CODE, OUTPUT, Command, CommandOption, Given, options_of
 from glucoloop.cli.request import command_request, configuration_of, notes_without_effect
 from glucoloop.cli.screen import note, print_json, print_text, print_value, stage, where_written
 from glucoloop.component.request import read_root

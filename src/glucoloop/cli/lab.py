@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from glucoloop.cli.command import Command
-from glucoloop.cli.option import CommandOption, Given
-from glucoloop.cli.screen import OVERWRITE_FILE, file_to_write, print_text, write_file
+from glucoloop.cli.command import OVERWRITE_FILE, Command, CommandOption, Given
+from glucoloop.cli.screen import file_to_write, print_text, write_file
 from glucoloop.patients.catalogue import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 

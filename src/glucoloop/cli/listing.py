@@ -5,8 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import Final
 
-from glucoloop.cli.command import Command
-from glucoloop.cli.option import JSON, CommandOption, Given
+from glucoloop.cli.command import JSON, Command, CommandOption, Given
 from glucoloop.cli.screen import print_text, print_value, width_of_text
 from glucoloop.component.listing import listed, listing
 from glucoloop.patients.catalogue import PATIENTS

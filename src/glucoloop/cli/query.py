@@ -8,9 +8,8 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.command import Command
+from glucoloop.cli.command import Command, CommandOption, Given
 from glucoloop.cli.interrupts import leave_to_the_system
-from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.screen import note, print_rows, print_value, show
 from glucoloop.refusal import Refusal
 

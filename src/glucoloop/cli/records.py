@@ -6,9 +6,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.command import Command
-from glucoloop.cli.option import JSON, CommandOption, Given
-from glucoloop.cli.screen import OVERWRITE_FILE, file_to_write, print_text, print_value, show, write_file
+from glucoloop.cli.command import JSON, OVERWRITE_FILE, Command, CommandOption, Given
+from glucoloop.cli.screen import file_to_write, print_text, print_value, show, write_file
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from glucoloop.cli.command import DEAD_TIME, NOISE, SET, CommandOption, Given, options_of
 from glucoloop.cli.errors import written_whole
-from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, options_of
 from glucoloop.cli.screen import for_terminal, note, stage
 from glucoloop.component.base import Component
 from glucoloop.component.grammar import NAME, NONE, Leaf, Tree, as_table, as_tables, as_tree, over, plain, put

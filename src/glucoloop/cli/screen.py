@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
-from glucoloop.cli.option import CommandOption, Given
 from glucoloop.refusal import Refusal
 from glucoloop.text import printable, printable_json, printable_lines, without_credentials
 
@@ -148,10 +147,7 @@ def where_written(out: Path | None, files: Mapping[str, str]) -> str:
     return f"Wrote {', '.join(files)} to {out}."
 
 
-OVERWRITE_FILE: Final = CommandOption("overwrite", "--overwrite", "Replace a file of that name.")
-
-
-def file_to_write(given: Given) -> Path | None:
+def file_to_write(given: Mapping[str, Any]) -> Path | None:
     """File that --out names, None if it names none.
 
     One that is there and may not be replaced, and a place where no file can be written, are refused before anything is

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from glucoloop.cli.command import Command
+from glucoloop.cli.command import DASK, OUTPUT, SET, UNITS, WORKERS, Command, CommandOption, Given, options_of, reworded
 from glucoloop.cli.errors import interrupted
-from glucoloop.cli.option import DASK, OUTPUT, SET, UNITS, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import CommandRequest, Output, command_request, configuration_of, notes_without_effect
 from glucoloop.cli.screen import note, print_json, print_text, show, stage, where_written

@@ -5,8 +5,7 @@ where.
 """
 
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, derived, derived_static, wired
-from glucoloop.component.ranges import Tuned
-from glucoloop.component.setting import About, Default, default_by_noise
+from glucoloop.component.setting import About, Default, Tuned, default_by_noise
 
 __all__ = [
     "DATA",

@@ -185,6 +185,11 @@ class Component:
         """Every setting with its value."""
         return {name: getattr(self, name) for name in self.settings()}
 
+    @classmethod
+    def narrowed(cls, component: Component, **changes: Any) -> Self:
+        """A component of this class with the settings of one of a class that extends it, and these changes."""
+        return cls(**{**{name: getattr(component, name) for name in cls.settings()}, **changes})
+
     def tree(self, *, whole: bool = False) -> Tree:
         """Explicit settings as plain values, the same for TOML and JSON; with `whole` every setting."""
         return tree_of(type(self), self.display_name, self.values(), whole=True) if whole else self.request.tree()

@@ -20,7 +20,7 @@ P = TypeVar("P", bound=Component)
 
 HOMES: Final = {
     "patient": "glucoloop.patients.catalogue:PATIENTS",
-    "meal model": "glucoloop.meals.settings:MEAL_MODELS",
+    "meal model": "glucoloop.meals.models:MEAL_MODELS",
     "rescue": "glucoloop.meals.rescue:RESCUES",
     "habit": "glucoloop.meals.habits:HABITS",
     "scenario": "glucoloop.situations.scenarios:SCENARIOS",
@@ -28,18 +28,18 @@ HOMES: Final = {
     "pump": "glucoloop.pumps:PUMPS",
     "fault": "glucoloop.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
-    "profile error": "glucoloop.situations.profile_changes:PROFILE_ERRORS",
-    "override": "glucoloop.situations.profile_changes:OVERRIDES",
+    "profile error": "glucoloop.situations.therapy_settings:PROFILE_ERRORS",
+    "override": "glucoloop.situations.therapy_settings:OVERRIDES",
     "action": "glucoloop.control.action:ACTIONS",
     "glucagon controller": "glucoloop.control.glucagon:GLUCAGON",
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
     "rhythm": "glucoloop.physiology.rhythm:RHYTHMS",
-    "metric": "glucoloop.metrics.catalogue:METRICS",
+    "metric": "glucoloop.metrics.metric:METRICS",
     "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
     "reader": "glucoloop.records.reader:READERS",
-    "forecast method": "glucoloop.forecasts.catalogue:METHODS",
+    "forecast method": "glucoloop.forecasts.method:METHODS",
 }
 """Catalogue of each kind, as ``module:attribute``."""
 

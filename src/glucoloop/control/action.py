@@ -20,9 +20,8 @@ from glucoloop.component.setting import About
 from glucoloop.control.around import ControllerAround
 from glucoloop.control.decision import is_known
 from glucoloop.control.protocol import Decision, DoseForecast, Observation, forecast_of, gives_boluses
-from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.unit_guess import GLUCOSE_BOUND
-from glucoloop.units import MU_PER_U
+from glucoloop.units import LONGEST_RUN_MIN, MU_PER_U
 
 _LONG_MIN: Final = 5e5
 """Time from which on no action begins, which a clock of a run does not pass; within the guard's bound on memories."""

@@ -11,8 +11,8 @@ from typing import Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Decision, Observation, Status
-from glucoloop.limits import LONGEST_AHEAD_MIN
 from glucoloop.pumps.limits import BolusLimits, DoseLimits
+from glucoloop.units import LONGEST_AHEAD_MIN
 
 _SATURATED_MU_MIN: Final = 1e-9
 _MAX_CARBS_G: Final = 1000.0

@@ -7,6 +7,11 @@ are followed at a time, their overlapping absorption is shared by the rates of t
 the forecast begins at the forecast of that reading. The rate of absorption of a meal (`PiecewiseLinearAbsorption`)
 rises for 15 % of the absorption time, stays to 50 %, and falls to 0 at the end. It is no product of LoopKit, and not
 for treating people.
+
+Insulin and carbohydrate on board, the parts of doses that have not acted and of meals that are not absorbed, are
+defined by its curves: rapid-acting insulin of adults acts from 10 to 370 min after a dose, with a peak at 85 min
+(`therapy.INSULINS`), and a meal is absorbed from 10 to 190 min after eating (`part_absorbed`). Insulin counts above the
+basal rate, so that suspended insulin is below 0.
 """
 
 from __future__ import annotations
@@ -441,3 +446,28 @@ def time_of_part(part: jax.Array) -> jax.Array:
     flat = 0.5 * _RISES_TO + part / _RATE
     falling = 1.0 - jnp.sqrt(2.0 * (1.0 - _FALLS_FROM) / _RATE * jnp.maximum(1.0 - part, 0.0))
     return jnp.where(rising < _RISES_TO, rising, jnp.where(flat < _FALLS_FROM, flat, falling))
+
+
+_INSULIN: Final = INSULINS["rapid-adult"]
+_MEAL_MIN: Final = 180.0
+_LONGEST_MIN: Final = _INSULIN.delay_min + _INSULIN.action_min
+"""Time after which nothing is on board, longer for insulin than for a meal."""
+
+
+def on_board_curves(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Parts of a dose and of a meal that are on board at whole samples after them, ``(samples,)``, the last ones 0."""
+    t_min = sample_time_min * np.arange(np.ceil(_LONGEST_MIN / sample_time_min) + 1)
+    with jax.ensure_compile_time_eval():
+        insulin = insulin_left(t_min - _INSULIN.delay_min, _INSULIN.action_min, _INSULIN.peak_min)
+        carbs = 1.0 - part_absorbed(jnp.asarray((t_min - _CARB_DELAY_MIN) / _MEAL_MIN))
+        return np.asarray(insulin, np.float64), np.asarray(carbs, np.float64)
+
+
+def on_board(amounts: npt.ArrayLike, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Amount on board at each sample ``(samples, ...)``, of what was given at the samples before, without its own."""
+    given = np.asarray(amounts, np.float64)
+    later = np.append(0.0, curve[1:])
+    columns = given.reshape(len(given), -1).T
+    each = [np.convolve(column, later)[: len(given)] for column in columns]
+    result: npt.NDArray[np.float64] = np.stack(each, axis=-1).reshape(given.shape)
+    return result

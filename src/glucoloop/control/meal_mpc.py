@@ -16,9 +16,8 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import TIME_OF_DAY, Need
 from glucoloop.component.pytree_component import DATA, STATIC, wired
-from glucoloop.component.ranges import Tuned
 from glucoloop.component.request import by_default
-from glucoloop.component.setting import About
+from glucoloop.component.setting import About, Tuned
 from glucoloop.control.decision import (
     MealsToCome,
     decide,

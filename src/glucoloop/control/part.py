@@ -25,9 +25,8 @@ from glucoloop.component.effects import (
     Need,
 )
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, PytreeComponent, derived, wired
-from glucoloop.component.ranges import Tuned
 from glucoloop.component.routes import ROUTES
-from glucoloop.component.setting import About
+from glucoloop.component.setting import About, Tuned
 from glucoloop.control.design_case import DesignCase, check_rate, check_sample_time
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal

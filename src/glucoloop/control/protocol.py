@@ -45,7 +45,7 @@ class Observation:
     temporary_target: jax.Array | None = None
     """Whether the setpoint is a temporary one, as of an override, or None where none is."""
     number: jax.Array | None = None
-    """Number of the reading in a loop that runs in real time, or None in a simulation. See `timing`."""
+    """Number of the reading in a loop that runs in real time, or None in a simulation. See `real_time`."""
     read_t_min: jax.Array | None = None
     """Time of the reading in a loop that runs in real time, or None in a simulation."""
     key: jax.Array | None = None
@@ -125,7 +125,7 @@ class Decision:
     status: jax.Array
     """Status of the decision, a `Status` as an integer."""
     holds_until_min: jax.Array | None = None
-    """Time after which a pump returns to the basal rate by itself, or None for the next decision. See `timing`."""
+    """Time after which a pump returns to the basal rate by itself, or None for the next decision. See `real_time`."""
     bolus_mU: jax.Array | None = None
     """Insulin given at once, beside the basal rate; 0 for none at this sample, and None from a controller without
     boluses. A controller with boluses has ``gives_boluses = True``.

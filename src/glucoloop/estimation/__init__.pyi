@@ -7,4 +7,4 @@ from .kalman import predict as predict
 from .kalman import riccati_step as riccati_step
 from .kalman import steady_state_gain as steady_state_gain
 from .kalman import update as update
-from .steady_state import steady_state_covariance as steady_state_covariance
+from .riccati import steady_state_covariance as steady_state_covariance

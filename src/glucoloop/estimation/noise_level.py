@@ -83,7 +83,7 @@ def no_error(like: jax.Array) -> SensorError:
     return SensorError(error_mg_dl=jnp.zeros_like(like), deviation_mg_dl=jnp.full_like(like, LEVELS_MG_DL[0]))
 
 
-def check_pace(pace: float) -> None:
+def _check_pace(pace: float) -> None:
     """Refuse a pace that is not possible."""
     if not 0.0 <= pace <= 1.0:
         raise Refusal(f"a pace of {pace:g} mg/dl per innovation is not possible; give 0 to 1")
@@ -149,7 +149,7 @@ def noisy_filters(
     """
     if not 0.0 <= correlation < 1.0:
         raise Refusal(f"a correlation of {correlation:g} is not possible; give 0 or more and less than 1")
-    check_pace(pace)
+    _check_pace(pace)
     Phi, C, Q = (np.asarray(a, float) for a in (Phi, C, Q))
     without = steady_state_gain(Phi, C, Q, R)
     gains, variances = [np.append(without.gain, 0.0)], [float(without.innovation_covariance)]

@@ -233,7 +233,3 @@ class Misreported(PumpFault, Timed, name="misreported"):
             reported_mU_min=report(rate, memory[0], self.rate_part),
             reported_bolus_mU=None if bolus is None else report(bolus, memory[1], self.bolus_part),
         )
-
-
-# From the inside out, as they are drawn: what is around a pump without power does not restart.
-PUMP_FAULTS: Final = (CoarseDelivery, Battery, MissedPulses, Occlusion, Unheard, Misreported)

@@ -24,10 +24,10 @@ from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import build_command, code_files, run_command
 from glucoloop.firmware.samples import SampleRecord, arithmetic, by_columns
 from glucoloop.native.lower import Lowered
+from glucoloop.native.targets import STRICT
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.c.numbers import FORMATS, helpers
 from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.targets.products import STRICT
 from glucoloop.private_folder import private_temporary_folder
 
 _LONGEST_S: Final = 600.0

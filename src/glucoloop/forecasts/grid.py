@@ -1,4 +1,4 @@
-"""A record on a grid of 5 min from midnight to midnight, as forecasts take it: readings, insulin and carbohydrate.
+"""A record on a grid of 5 min from midnight to midnight, as forecasts take it, and its usual day.
 
 Each sample holds what happened within the 5 min that end with it, so that nothing of a sample is later than its time.
 """
@@ -9,7 +9,7 @@ import dataclasses
 import datetime as dt
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from glucoloop._lazy_jax import np
 from glucoloop.refusal import Refusal
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 SAMPLE_MIN: Final = 5.0
 SAMPLES_PER_DAY: Final = round(MIN_PER_DAY / SAMPLE_MIN)
+HARMONICS: Final = 4
+_WAVE_SD_MG_DL: Final = 20.0
 _MIN_READINGS_OF_A_DAY: Final = 24
 """Readings with which a day counts as one: two hours of them, or a day of one an hour."""
 _SAME_RATE: Final = 0.05
@@ -254,3 +256,74 @@ def _basal_of(frame: pl.DataFrame, first: dt.datetime, days: int, notes: list[st
     for begin_min, dose_U in zip(_minutes(doses, first), doses["long_acting_U"], strict=True):
         basal = basal + dose_U * np.diff(np.clip((edges - begin_min) / MIN_PER_DAY, 0.0, 1.0))
     return basal, off_schedule_pct
+
+
+_WINDOW_MIN = 120.0
+"""Time over which means by time of day are smoothed."""
+
+
+class DosesAndMeals(NamedTuple):
+    """Insulin [U] and carbohydrate [g] of each sample, ``(samples,)``."""
+
+    insulin_U: Values
+    carbs_g: Values
+
+
+class UsualDay(NamedTuple):
+    """Amounts of each sample of a day, ``(samples of a day,)``: the median basal rate, and means of all others."""
+
+    basal_U: Values
+    user_bolus_U: Values
+    automatic_bolus_U: Values
+    carbs_g: Values
+
+    def future(self, record: GriddedRecord, *, known: bool) -> DosesAndMeals:
+        """Inputs of each sample as a forecast made before it takes them.
+
+        The basal rate and automatic boluses are as usual. Meals and boluses of the user are those of the record where
+        they are known, and else as usual.
+        """
+        clock = record.clock
+        automatic = (self.basal_U + self.automatic_bolus_U)[clock]
+        if known:
+            return DosesAndMeals(automatic + record.user_bolus_U, record.carbs_g)
+        return DosesAndMeals(automatic + self.user_bolus_U[clock], self.carbs_g[clock])
+
+
+def usual_day(training: GriddedRecord) -> UsualDay:
+    """Usual day of a record."""
+    means = (training.user_bolus_U, training.automatic_bolus_U, training.carbs_g)
+    return UsualDay(
+        np.median(training.basal_U.reshape(training.days, -1), axis=0),
+        *(smoothed_day(amounts, training.days, _WINDOW_MIN) for amounts in means),
+    )
+
+
+def smoothed_day(values: Values, days: int, window_min: float) -> Values:
+    """Mean by time of day ``(samples of a day,)``, over a centred window that goes around midnight."""
+    day = values.reshape(days, -1).mean(axis=0)
+    half = min(round(0.5 * window_min / SAMPLE_MIN), (day.size - 1) // 2)
+    around = np.concatenate([day[day.size - half :], day, day[:half]])
+    result: Values = np.convolve(around, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
+    return result
+
+
+def harmonics_sd() -> Values:
+    """Standard deviation of each harmonic before a record [mg/dl], of those after the first by its order less."""
+    return np.repeat(_WAVE_SD_MG_DL / np.arange(1, HARMONICS + 1), 2)
+
+
+def daily_waves(clock: Places) -> Values:
+    """A constant and four harmonics of the time of day, ``(samples, 9)``."""
+    phase = 2.0 * np.pi * clock / SAMPLES_PER_DAY
+    waves = [wave(order * phase) for order in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)]
+    return np.stack([np.ones(clock.size), *waves], axis=-1)
+
+
+def apart(places: Places, least: int) -> Places:
+    """Places in their order, without each that is nearer than `least` to the last one before it that is kept."""
+    kept: list[int] = []
+    for place in places.tolist():
+        if not kept or place >= kept[-1] + least:
+            kept.append(place)
+    return np.array(kept, np.int64)

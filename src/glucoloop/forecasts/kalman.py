@@ -32,7 +32,15 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
 from glucoloop._lazy_jax import np, scipy
 from glucoloop.component.setting import About
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY
+from glucoloop.forecasts.grid import (
+    SAMPLE_MIN,
+    SAMPLES_PER_DAY,
+    DosesAndMeals,
+    UsualDay,
+    daily_waves,
+    harmonics_sd,
+    usual_day,
+)
 from glucoloop.forecasts.linear_filter import (
     LinearSystem,
     discretised,
@@ -42,7 +50,6 @@ from glucoloop.forecasts.linear_filter import (
     steady_gains,
 )
 from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, origins_of
-from glucoloop.forecasts.usual_day import DosesAndMeals, UsualDay, usual_day
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values
@@ -52,14 +59,11 @@ _TYPICAL_ERROR_MG_DL: Final = (20.0, 30.0, 38.0, 40.0, 41.0)
 """Errors at these horizons by which the forecasts of least squares are weighted."""
 _FORECASTS_PER_DAY: Final = 8.0
 """Number of independent forecasts of a day that the likelihood counts for each horizon."""
-_HARMONICS: Final = 4
 _WARM_UP: Final = 144
 """Samples, 12 h, after which what was before the record no longer counts in the likelihood."""
 _MIN_DAILY_DOSE_U: Final = 5.0
 """Daily dose below which the prior of the effect of insulin no longer grows."""
 _LEVEL_MG_DL: Final = (150.0, 100.0)
-_WAVE_SD_MG_DL: Final = 20.0
-"""Standard deviation of the first harmonic before the record; of the others it falls with their order."""
 _RISE_MG_DL_G: Final = (3.0, 1.5)
 """Largest rise by 1 g of carbohydrate before the record: mean and standard deviation."""
 _ROUNDING_VARIANCE: Final = 1.0 / 12.0
@@ -142,13 +146,6 @@ class _Responses(NamedTuple):
         return recursion(self.transition[None], drives)[1:, ..., 0]
 
 
-def daily_waves(clock: Places) -> Values:
-    """A constant and four harmonics of the time of day, ``(samples, 9)``."""
-    phase = 2.0 * np.pi * clock / SAMPLES_PER_DAY
-    waves = [wave(order * phase) for order in range(1, _HARMONICS + 1) for wave in (np.sin, np.cos)]
-    return np.stack([np.ones(clock.size), *waves], axis=-1)
-
-
 class _Explained(NamedTuple):
     """Regressors of the explained part of the readings: responses to insulin and carbohydrate, and daily waves."""
 
@@ -190,7 +187,7 @@ class _LinearPrior(NamedTuple):
 
 def _linear_prior(daily_U: float, rule: float, spread: float) -> _LinearPrior:
     fall = rule / max(daily_U, _MIN_DAILY_DOSE_U)
-    waves_sd = np.repeat(_WAVE_SD_MG_DL / np.arange(1, _HARMONICS + 1), 2)
+    waves_sd = harmonics_sd()
     return _LinearPrior(
         np.array([-fall, _RISE_MG_DL_G[0], _LEVEL_MG_DL[0], *np.zeros(waves_sd.size)]),
         np.array([spread * fall, _RISE_MG_DL_G[1], _LEVEL_MG_DL[1], *waves_sd]),

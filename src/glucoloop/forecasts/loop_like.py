@@ -13,10 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from glucoloop._lazy_jax import np
 from glucoloop.component.setting import About
-from glucoloop.forecasts.effects import effect_of_future, effect_of_history
-from glucoloop.forecasts.grid import SAMPLE_MIN
-from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
-from glucoloop.forecasts.usual_day import UsualDay, usual_day
+from glucoloop.forecasts.grid import SAMPLE_MIN, UsualDay, usual_day
+from glucoloop.forecasts.method import (
+    ForecastMethod,
+    GlucoseForecast,
+    Predictor,
+    effect_of_future,
+    effect_of_history,
+    last_readings,
+    origins_of,
+)
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -50,14 +56,14 @@ def _effects(
     record: GriddedRecord, usual: UsualDay, origins: Places, horizons: Places, *, future_known: bool
 ) -> Values:
     """Insulin that acts [U] and carbohydrate that is absorbed [g] until each horizon, ``(origins, horizons, 2)``."""
-    from glucoloop.control.on_board import curves
+    from glucoloop.control.loop_like import on_board_curves
 
     basal_U = usual.basal_U[record.clock]
     history = (record.insulin_U - basal_U, record.carbs_g)
     unknown = np.zeros(basal_U.size)
     future = (record.user_bolus_U, record.carbs_g) if future_known else (unknown, unknown)
     result = np.empty((origins.size, horizons.size, 2))
-    for kind, left in enumerate(curves(SAMPLE_MIN)):
+    for kind, left in enumerate(on_board_curves(SAMPLE_MIN)):
         curve = 1.0 - left
         for place, horizon in enumerate(horizons.tolist()):
             of_all = effect_of_history(history[kind], curve, horizon) + effect_of_future(future[kind], curve, horizon)

@@ -10,12 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, Protocol
 
-from glucoloop._lazy_jax import np
+from glucoloop._lazy_jax import np, scipy
 from glucoloop.component.base import Component
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.forecasts.grid import apart
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values
+
 
 ANCHORS: Final = (1, 3, 6, 12, 18, 24, 36, 48, 72, 96, 144, 192, 288)
 """Horizons [samples of 5 min] at which bands are scaled and regressions fitted; between them follows a line."""
@@ -58,7 +61,7 @@ class Predictor(Protocol):
 
 
 class ForecastMethod(Component):
-    """Method of forecasting: a class in a file, entered in `catalogue.METHODS`.
+    """Method of forecasting: a class in a file, entered in `METHODS`.
 
     A package of your own enters it by an entry point in the group ``glucoloop.forecast_methods``.
     """
@@ -135,11 +138,7 @@ def scaled(inner: Predictor, training: GriddedRecord) -> Predictor:
 def origins_of(record: GriddedRecord, first_sample: int) -> Places:
     """Samples with a reading from one on, 15 min or more apart, at which forecasts are made."""
     readable = np.flatnonzero(np.isfinite(record.reading_mg_dl))
-    origins = list[int]()
-    for sample in readable[readable >= first_sample].tolist():
-        if not origins or sample >= origins[-1] + STRIDE:
-            origins.append(sample)
-    return np.array(origins, dtype=np.int64)
+    return apart(readable[readable >= first_sample], STRIDE)
 
 
 def last_readings(record: GriddedRecord, otherwise_mg_dl: float) -> Values:
@@ -147,4 +146,52 @@ def last_readings(record: GriddedRecord, otherwise_mg_dl: float) -> Values:
     place = np.where(np.isfinite(record.reading_mg_dl), np.arange(record.reading_mg_dl.size), -1)
     place = np.maximum.accumulate(place)
     result: Values = np.where(place >= 0, record.reading_mg_dl[place], otherwise_mg_dl)
+    return result
+
+
+METHODS: Final = Catalogue(
+    ForecastMethod,
+    {
+        "kalman": "glucoloop.forecasts.kalman:Kalman",
+        "twin": "glucoloop.twins.forecast:TwinForecast",
+        "ridge": "glucoloop.forecasts.ridge:Ridge",
+        "loop-like": "glucoloop.forecasts.loop_like:LoopLikeForecast",
+        "time-of-day": "glucoloop.forecasts.reference:TimeOfDay",
+        "mean": "glucoloop.forecasts.reference:Mean",
+        "persistence": "glucoloop.forecasts.reference:Persistence",
+    },
+    example="ridge, penalty=.01",
+)
+"""Methods by name, the one that the others are compared with first."""
+
+
+def effect_of_history(amounts: Values, curve: Values, horizon: int) -> Values:
+    """Change of glucose from each sample to `horizon` samples later by the amounts up to that sample, ``(samples,)``.
+
+    `curve` is the effect of one unit 0, 1, 2, ... samples after it, and stays at its last value.
+    """
+    size = amounts.size
+    whole = _extended(curve, size + horizon)
+    return _convolved(amounts, whole[horizon : size + horizon] - whole[:size])
+
+
+def effect_of_future(amounts: Values, curve: Values, horizon: int) -> Values:
+    """Effect `horizon` samples after each sample of the amounts in between, ``(samples,)``; 0 beyond the last one."""
+    size = amounts.size
+    effects = _convolved(amounts, _extended(curve, horizon))
+    result = np.zeros(size)
+    result[: max(size - horizon, 0)] = effects[horizon:]
+    return result
+
+
+def _extended(curve: Values, size: int) -> Values:
+    return np.concatenate([curve, np.full(max(size - curve.size, 0), curve[-1])])[:size]
+
+
+def _convolved(amounts: Values, kernel: Values) -> Values:
+    """Causal convolution; the end of the kernel that stays 0 is left out."""
+    there = np.flatnonzero(kernel)
+    if not there.size or not amounts.any():
+        return np.zeros(amounts.size)
+    result: Values = scipy.signal.oaconvolve(amounts, kernel[: there[-1] + 1])[: amounts.size]
     return result

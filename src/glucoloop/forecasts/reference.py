@@ -63,7 +63,7 @@ class TimeOfDay(ForecastMethod, name="time-of-day"):
 
     def predictor(self, training: GriddedRecord) -> Predictor:
         """The mean within the window, and that of all readings where there is none."""
-        from glucoloop.forecasts.usual_day import smoothed_day
+        from glucoloop.forecasts.grid import smoothed_day
 
         readings = training.reading_mg_dl
         there = np.isfinite(readings)

@@ -16,10 +16,17 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from glucoloop._lazy_jax import np
 from glucoloop.component.setting import About
-from glucoloop.forecasts.effects import effect_of_future, effect_of_history
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY
-from glucoloop.forecasts.method import ANCHORS, ForecastMethod, GlucoseForecast, Predictor, last_readings, origins_of
-from glucoloop.forecasts.usual_day import UsualDay, usual_day
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, UsualDay, daily_waves, usual_day
+from glucoloop.forecasts.method import (
+    ANCHORS,
+    ForecastMethod,
+    GlucoseForecast,
+    Predictor,
+    effect_of_future,
+    effect_of_history,
+    last_readings,
+    origins_of,
+)
 
 if TYPE_CHECKING:
     from glucoloop.forecasts.grid import GriddedRecord, Places, Values
@@ -29,7 +36,6 @@ _LAGS: Final = (0, 1, 2, 3, 4, 6, 9, 12, 18, 24, 36)
 _TIME_CONSTANTS_MIN: Final = {"insulin": (30.0, 70.0), "carbs": (15.0, 40.0)}
 _GLUCOSE_MIN: Final = 150.0
 """Time constant with which glucose returns to its level."""
-_HARMONICS: Final = 4
 
 
 @dataclass(frozen=True)
@@ -111,9 +117,8 @@ def _features(
             for curve in curves
             for effect, amounts in ((effect_of_history, past), (effect_of_future, coming))
         ]
-        phase = 2.0 * np.pi * ((origins + anchor) % SAMPLES_PER_DAY) / SAMPLES_PER_DAY
-        waves = [wave(order * phase) for order in range(1, _HARMONICS + 1) for wave in (np.sin, np.cos)]
-        yield np.column_stack([readings, *effects, *waves])
+        waves = daily_waves((origins + anchor) % SAMPLES_PER_DAY)[:, 1:]
+        yield np.column_stack([readings, *effects, waves])
 
 
 def _curves() -> Iterator[list[Values]]:

@@ -5,7 +5,7 @@ Importing this package registers them under the name `ENVIRONMENT`, for `gymnasi
 
 from typing import Any, Final
 
-from glucoloop._extras import needed_for
+from glucoloop.refusal import needed_for
 
 with needed_for("an environment"):
     import gymnasium

@@ -7,7 +7,6 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._extras import needed_for
 from glucoloop.component.effects import (
     AHEAD,
     ANNOUNCEMENTS,
@@ -21,10 +20,17 @@ from glucoloop.control.guard_settings import guard_of
 from glucoloop.gym.people import DosedPeople
 from glucoloop.gym.picture import EpisodePicture
 from glucoloop.gym.rewards import RewardFunction, kovatchev_risk, reward_of
-from glucoloop.limits import LARGEST_COUNTER, LONGEST_AHEAD_MIN
-from glucoloop.refusal import Refusal
+from glucoloop.refusal import Refusal, needed_for
 from glucoloop.situations.unused import without_effect
-from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, mu_min_from_u_h, u_h_from_mu_min
+from glucoloop.units import (
+    LARGEST_COUNTER,
+    LONGEST_AHEAD_MIN,
+    MIN_PER_DAY,
+    MIN_PER_H,
+    MU_PER_U,
+    mu_min_from_u_h,
+    u_h_from_mu_min,
+)
 
 with needed_for("an environment"):
     import gymnasium

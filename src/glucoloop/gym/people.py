@@ -19,8 +19,7 @@ from glucoloop.build.designs import with_guard
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.control import Controller
 from glucoloop.control.guard_settings import guard_of
-from glucoloop.limits import LARGEST_COUNTER
-from glucoloop.meals.days import LivedDays
+from glucoloop.meals.habits import LivedDays
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time
@@ -30,7 +29,7 @@ from glucoloop.situations.situation import configured
 from glucoloop.trials.engine import brought, loop_of, people_of
 from glucoloop.trials.people import block_size
 from glucoloop.trials.trial import Trial
-from glucoloop.units import MIN_PER_DAY, MU_PER_U
+from glucoloop.units import LARGEST_COUNTER, MIN_PER_DAY, MU_PER_U
 
 _FORKED_FROM_JAX: list[int] = []
 """The process, if it is the copy by a fork of one in which JAX had run, whose threads are not there."""

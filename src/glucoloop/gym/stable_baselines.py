@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._extras import needed_for
-from glucoloop.refusal import Refusal
+from glucoloop.refusal import Refusal, needed_for
 
 with needed_for("an environment of Stable-Baselines3"):
     from gymnasium.vector import AutoresetMode, VectorEnv

@@ -5,7 +5,6 @@ each sample; deviations are taken from a steady state.
 """
 
 from glucoloop.identification.basis import Basis
-from glucoloop.identification.csrs import design_csrs
 from glucoloop.identification.fopdt import FirstOrderModel, fit_first_order
 from glucoloop.identification.identify import METHODS, Identification, bases_given, chosen_basis, identify_record
 from glucoloop.identification.impulse_response import cross_correlation, least_squares
@@ -21,7 +20,7 @@ from glucoloop.identification.meal_response import meal_answer
 from glucoloop.identification.record import Record, record_from_samples
 from glucoloop.identification.reliability import Reliability, doubts
 from glucoloop.identification.subcutaneous_response import filtered_input, subcutaneous_coefficients
-from glucoloop.identification.validation import Validation, random_binary_sequence, validate
+from glucoloop.identification.validation import Validation, design_csrs, random_binary_sequence, validate
 
 __all__ = [
     "METHODS",

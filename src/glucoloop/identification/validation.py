@@ -1,6 +1,8 @@
-"""Check of an identified model on data that it hasn't seen: a random binary sequence.
+"""Insulin tests: the sequence that reveals an impulse response, and a check of the model on another one.
 
-Parker, Doyle & Peppas 1999, section III and Fig. 3.
+Parker, Doyle & Peppas 1999, eq. (5), section III and Fig. 3. The paper's test is a special case of the constant-
+switching-pace symmetric random sequence (CSRS): three levels, and pulses far enough apart for the response to each to
+die out before the next.
 """
 
 from __future__ import annotations
@@ -80,3 +82,63 @@ def validate(model: StepResponseModel, insulin_deviation: ArrayLike, glucose_dev
         worst_residual_mg_dl=jnp.abs(residuals).max(),
         fit_percent=100 * (1 - misfit),
     )
+
+
+def design_csrs(
+    memory: int,
+    amplitude_mU_min: float,
+    samples: int | None = None,
+    pulses: int | None = None,
+    *,
+    seed: int = 0,
+) -> Array:
+    """Pulses of +a and -a in equal numbers, at a constant pace of at least `memory` samples.
+
+    The first pulse is at sample 0 and the last at least `memory` samples before the end. By default the record
+    is the shortest there is: +a at sample 0, -a at sample M, 2 M samples.
+
+    Parameters
+    ----------
+    memory : int
+        M, the samples after which the patient's response to a pulse has died out.
+    amplitude_mU_min : float
+        a, at most the basal rate, since insulin cannot be taken back [mU/min].
+    samples : int, optional
+        Length N of the record. By default M for each pulse.
+    pulses : int, optional
+        Number of pulses, even. By default as many as fit.
+    seed : int
+        Decides the order of the signs when there is more than one pair; one pair is always +a, -a.
+
+    Returns
+    -------
+    Array, shape (N,)
+        Insulin deviation, held over each sample [mU/min].
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of bounds, or the pulses don't fit in the record.
+    """
+    memory = _check.whole_number("The memory", memory, 1)
+    amplitude = _check.positive("The amplitude", amplitude_mU_min, "mU/min")
+    if pulses is None:
+        length = 2 * memory if samples is None else _check.whole_number("The number of samples", samples, 1)
+        pulses = 2 * max(1, length // (2 * memory))
+    else:
+        pulses = _check.whole_number("The number of pulses", pulses, 2)
+        if pulses % 2:
+            raise Refusal(f"{pulses} pulses are an odd number: +a and -a come in equal numbers, use {pulses + 1}.")
+        length = pulses * memory if samples is None else _check.whole_number("The number of samples", samples, 1)
+    if length < pulses * memory:
+        raise Refusal(
+            f"A record of {length} samples is too short: {pulses} pulses that are {memory} samples apart "
+            f"need at least {pulses * memory} samples. Lengthen the record or shorten the memory."
+        )
+
+    signs = np.tile([1.0, -1.0], pulses // 2)
+    if pulses > 2:
+        signs = np.random.default_rng(seed).permutation(signs)
+    insulin = np.zeros(length)
+    insulin[np.arange(pulses) * (length // pulses)] = amplitude * signs
+    return jnp.asarray(insulin)

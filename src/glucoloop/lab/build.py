@@ -39,7 +39,7 @@ from glucoloop.lab.pack import DATA, MODULE
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import FAMILIES, by_equations, meal_functions, plant_function
 from glucoloop.lab.people import draw_function, person_function
-from glucoloop.native.targets.wasm.module import numbers_per_person, tool_versions, wasm_module
+from glucoloop.native.targets.wasm import numbers_per_person, tool_versions, wasm_module
 from glucoloop.refusal import Refusal
 
 _GUARDED: Final = "_guarded"

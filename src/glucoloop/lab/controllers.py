@@ -45,7 +45,7 @@ from glucoloop.lab.device_functions import MONITORS
 from glucoloop.lab.lowered_function import PageFunction, names_of, page_function, start_function
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN, patients, situation
 from glucoloop.native.targets.c.source import trace, write_source
-from glucoloop.native.targets.wasm.module import CFunction
+from glucoloop.native.targets.wasm import CFunction
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from glucoloop.native.lower import Lowered, lower
-from glucoloop.native.targets.wasm.module import CFunction
+from glucoloop.native.targets.wasm import CFunction
 
 
 @dataclass(frozen=True)

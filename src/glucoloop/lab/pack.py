@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 import glucoloop
-from glucoloop.pages.script import colours, exports, policy_source, program
+from glucoloop.pages import colours, exports, policy_source, program
 from glucoloop.refusal import Refusal
 
 PAGE: Final = Path(str(files("glucoloop.lab"))) / "page"

@@ -3,17 +3,19 @@ from .absorption import absorb as absorb
 from .absorption import fasting as fasting
 from .dalla_man import DallaManGut as DallaManGut
 from .hovorka import HovorkaGut as HovorkaGut
-from .ingestion import Ingestion as Ingestion
 from .lehmann_deutsch import LehmannDeutsch as LehmannDeutsch
 from .linear import LinearAbsorption as LinearAbsorption
 from .linear import appearance_mg_min as appearance_mg_min
 from .linear import appearance_moments as appearance_moments
 from .linear import emptying_mg_min as emptying_mg_min
+from .models import MEAL_MODELS as MEAL_MODELS
+from .models import MealModelComponent as MealModelComponent
 from .models import meal_model as meal_model
 from .models import meal_model_of as meal_model_of
 from .plan import MealPlan as MealPlan
 from .plan import draw_meals as draw_meals
 from .protocol import Eaten as Eaten
+from .protocol import Ingestion as Ingestion
 from .protocol import Jumps as Jumps
 from .protocol import LinearMealModel as LinearMealModel
 from .protocol import MealModel as MealModel
@@ -25,5 +27,3 @@ from .roy_parker import RoyParkerGut as RoyParkerGut
 from .scenario import Meal as Meal
 from .scenario import Scenario as Scenario
 from .scenario import eaten as eaten
-from .settings import MEAL_MODELS as MEAL_MODELS
-from .settings import MealModelComponent as MealModelComponent

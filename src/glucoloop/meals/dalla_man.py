@@ -23,9 +23,33 @@ C. Dalla Man, R. A. Rizza, C. Cobelli, "Meal simulation model of the glucose-ins
 
 from __future__ import annotations
 
+from typing import Annotated, ClassVar
+
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
-from glucoloop.meals.settings import DallaManGutSettings
+from glucoloop.component.setting import About
+from glucoloop.meals.models import MealModelComponent
+
+
+class DallaManGutSettings(MealModelComponent, name="dalla-man"):
+    """A stomach that empties by how much of the whole meal it holds, of Dalla Man et al. (2006)."""
+
+    sources = ("dallaman2006", "dallaman2007")
+    make: ClassVar = "glucoloop.meals:DallaManGut"
+    k_max: Annotated[
+        float, About("Largest rate of emptying, and rate of trituration, per minute.", above=0.0, at_most=1.0)
+    ] = 0.0558
+    k_min: Annotated[float, About("Smallest rate of emptying, per minute.", above=0.0, at_most=1.0)] = 0.0080
+    k_abs: Annotated[float, About("Rate of absorption from the gut, per minute.", above=0.0, at_most=1.0)] = 0.057
+    b: Annotated[
+        float, About("Share of the meal in the stomach at which emptying is slower by half.", above=0.0, at_most=0.99)
+    ] = 0.82
+    d: Annotated[
+        float, About("Share of the meal in the stomach at which emptying is faster by half.", above=0.001, at_most=0.99)
+    ] = 0.010
+    bioavailability: Annotated[
+        float, About("Share of the absorbed carbohydrate that reaches the blood.", above=0.0, at_most=1.0)
+    ] = 0.90
 
 
 @pytree

@@ -14,13 +14,28 @@ Physiol. Meas. 25, 905-920, 2004.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
+from glucoloop.component.setting import About
+from glucoloop.meals.models import MealModelComponent
 from glucoloop.meals.protocol import Eaten, Jumps, matrix
-from glucoloop.meals.settings import HovorkaGutSettings
 from glucoloop.units import MG_PER_G
+
+
+class HovorkaGutSettings(MealModelComponent, name="hovorka"):
+    """Two compartments in a row with one time constant, of Hovorka et al. (2004)."""
+
+    sources = ("hovorka2004",)
+    make: ClassVar = "glucoloop.meals:HovorkaGut"
+    time_to_maximum_min: Annotated[
+        float, About("Time from eating at once to the largest appearance.", above=0.0, at_most=1440.0)
+    ] = 40.0
+    bioavailability: Annotated[
+        float, About("Share of the eaten carbohydrate that reaches the blood.", above=0.0, at_most=1.0)
+    ] = 0.8
+
 
 TIME_TO_MAXIMUM_MIN: Final = HovorkaGutSettings.time_to_maximum_min
 BIOAVAILABILITY: Final = HovorkaGutSettings.bioavailability

@@ -12,13 +12,25 @@ J. Biomed. Eng. 14, 1992.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
+from glucoloop.component.setting import About
+from glucoloop.meals.models import MealModelComponent
 from glucoloop.meals.protocol import Eaten, Jumps, matrix
-from glucoloop.meals.settings import LehmannDeutschSettings
 from glucoloop.units import MG_PER_G
+
+
+class LehmannDeutschSettings(MealModelComponent, name="lehmann-deutsch"):
+    """A stomach that empties at most at a plateau rate, and a gut, of Lehmann and Deutsch (1992)."""
+
+    sources = ("lehmann1992",)
+    make: ClassVar = "glucoloop.meals:LehmannDeutsch"
+    plateau_mg_min: Annotated[float, About("Largest rate of emptying.", above=0.0, at_most=1e5)] = 360.0
+    ramp_min: Annotated[float, About("Length of each ramp of the rate.", above=0.0, at_most=1440.0)] = 30.0
+    gut_time_constant_min: Annotated[float, About("Time constant of the gut.", above=0.0, at_most=1440.0)] = 60.0
+
 
 PLATEAU_MG_MIN: Final = LehmannDeutschSettings.plateau_mg_min
 RAMP_MIN: Final = LehmannDeutschSettings.ramp_min

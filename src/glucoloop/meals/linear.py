@@ -200,7 +200,7 @@ class _LinearDigestion:
 
     @property
     def inputs(self) -> tuple[int, int]:
-        """Shape of what reaches a person's gut in a sample: see `meals.jumps`."""
+        """Shape of what reaches a person's gut in a sample: see `absorption.JumpsInSteps`."""
         return self.substeps, MOMENTS + self.transition.shape[0]
 
     def init(self) -> jax.Array:

@@ -1,16 +1,37 @@
-"""Meal models by name, and the meal model of a patient."""
+"""Meal models by name, and the meal model of a patient.
+
+A meal model joins every command by one class, entered in `MEAL_MODELS` or by the entry point of another package in the
+group ``glucoloop.meal_models``.
+"""
 
 from __future__ import annotations
 
-import jax
-import numpy as np
+from typing import ClassVar, Final
 
+from glucoloop._lazy_jax import jax, np
 from glucoloop.arguments import is_traced
-from glucoloop.meals.ingestion import Ingestion
-from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
-from glucoloop.meals.protocol import MealModel
-from glucoloop.meals.settings import MEAL_MODELS
+from glucoloop.component.base import MadeComponent
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.meals.protocol import Ingestion, MealModel
 from glucoloop.refusal import Refusal
+
+
+class MealModelComponent(MadeComponent):
+    """Declaration of a meal model, a `meals.MealModel`."""
+
+    kind: ClassVar = "meal model"
+
+
+MEAL_MODELS: Final = Catalogue(
+    MealModelComponent,
+    {
+        "lehmann-deutsch": "glucoloop.meals.lehmann_deutsch:LehmannDeutschSettings",
+        "hovorka": "glucoloop.meals.hovorka:HovorkaGutSettings",
+        "roy-parker": "glucoloop.meals.roy_parker:RoyParkerSettings",
+        "dalla-man": "glucoloop.meals.dalla_man:DallaManGutSettings",
+    },
+    example="hovorka, time_to_maximum_min=55",
+)
 
 
 def meal_model(text: str) -> MealModel:
@@ -34,6 +55,8 @@ def meal_model_of(patient: object, instead: MealModel | None = None) -> MealMode
     ValueError
         For another model than its own where the patient digests in its own states.
     """
+    from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
+
     of_patient: MealModel = getattr(patient, "meal_model", LehmannDeutsch())
     if instead is not None and isinstance(of_patient, Ingestion):
         raise Refusal(

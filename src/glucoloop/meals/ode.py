@@ -28,9 +28,8 @@ import numpy as np
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
-from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.moments import moments_of_steps, moments_of_values, points_of_sample
-from glucoloop.meals.protocol import Eaten, OdeMealModel
+from glucoloop.meals.protocol import SHORTEST_EATING_MIN, Eaten, OdeMealModel
 from glucoloop.sparse import Sparse
 from glucoloop.units import MG_PER_G
 

@@ -12,14 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked
-from glucoloop.limits import LARGEST_MEAL_G, LONGEST_RUN_MIN, MAX_DAYS
-from glucoloop.meals.days import LivedDays
-from glucoloop.meals.habits import HabitComponent
+from glucoloop.meals.habits import HabitComponent, LivedDays
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import Meal, check_warm_up, eaten, in_order
 from glucoloop.refusal import Refusal
 from glucoloop.threefry import checked_counter, checked_people
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LARGEST_MEAL_G, LONGEST_RUN_MIN, MAX_DAYS, MIN_PER_DAY
 
 MAX_MEALS_A_DAY: Final = 100
 Array = npt.NDArray[Any]

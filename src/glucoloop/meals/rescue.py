@@ -15,8 +15,7 @@ from glucoloop._pytree import pytree
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.pytree_component import STATIC, PytreeComponent, wired
 from glucoloop.component.setting import About
-from glucoloop.meals.ingestion import Ingestion
-from glucoloop.meals.protocol import MealModel
+from glucoloop.meals.protocol import Ingestion, MealModel
 from glucoloop.unit_guess import GLUCOSE_BOUND, MEAL
 from glucoloop.units import MG_PER_G
 

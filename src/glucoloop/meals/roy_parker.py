@@ -12,12 +12,26 @@ International Conference of the IEEE EMBS, 2006.
 
 from __future__ import annotations
 
+from typing import Annotated, ClassVar
+
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
+from glucoloop.component.setting import About
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
+from glucoloop.meals.models import MealModelComponent
 from glucoloop.meals.protocol import Eaten, Jumps
-from glucoloop.meals.settings import RoyParkerSettings
 from glucoloop.units import MG_PER_G
+
+
+class RoyParkerSettings(MealModelComponent, name="roy-parker"):
+    """A stomach that empties for an hour whatever the meal, and a gut, of Roy and Parker (2006)."""
+
+    sources = ("royparker2006",)
+    make: ClassVar = "glucoloop.meals:RoyParkerGut"
+    rise_min: Annotated[float, About("Time in which emptying rises.", at_least=1.0, at_most=1440.0)] = 10.0
+    plateau_min: Annotated[float, About("Time for which it stays.", at_least=0.0, at_most=1440.0)] = 35.0
+    fall_min: Annotated[float, About("Time in which it falls.", at_least=1.0, at_most=1440.0)] = 10.0
+    absorption_per_min: Annotated[float, About("Rate constant of the gut, per minute.", above=0.0, at_most=1.0)] = 0.022
 
 
 @pytree

@@ -13,18 +13,15 @@ import numpy as np
 
 from glucoloop._pytree import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
-from glucoloop.limits import LARGEST_MEAL_G, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
-from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
-from glucoloop.meals.models import check_meal_model, meal_model, meal_model_of
-from glucoloop.meals.protocol import Eaten, MealModel
+from glucoloop.meals.models import MEAL_MODELS, check_meal_model, meal_model, meal_model_of
+from glucoloop.meals.protocol import SHORTEST_EATING_MIN, Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
-from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.physiology.exercise import Exercise, exercise_in_order
 from glucoloop.physiology.rhythm import Rhythm
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import GLUCOSE, SETPOINT, refuse_unusual
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LARGEST_MEAL_G, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN, MIN_PER_DAY
 
 LONGEST_EATING_MIN: Final = MIN_PER_DAY
 

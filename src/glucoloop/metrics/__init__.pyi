@@ -1,12 +1,12 @@
-from .catalogue import METRICS as METRICS
 from .clinical import ClinicalSummary as ClinicalSummary
 from .clinical import clinical_summary as clinical_summary
 from .metric import LOWEST_GLUCOSE_MG_DL as LOWEST_GLUCOSE_MG_DL
+from .metric import METRICS as METRICS
 from .metric import TARGET_RANGE_MG_DL as TARGET_RANGE_MG_DL
 from .metric import Ended as Ended
 from .metric import Metric as Metric
 from .metric import Result as Result
 from .metric import Trajectory as Trajectory
-from .metrics import Metrics as Metrics
+from .running import Metrics as Metrics
 from .running import RunningMetrics as RunningMetrics
 from .running import summarise as summarise

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from glucoloop.metrics.metrics import Metrics
+from glucoloop.metrics.running import Metrics
 from glucoloop.simulation.trace import Trace
 from glucoloop.text import percent
 from glucoloop.units import MIN_PER_H, MU_PER_U

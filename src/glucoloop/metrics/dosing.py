@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.component.effects import SUBCUTANEOUS, Need
-from glucoloop.control.on_board import curves
+from glucoloop.control.loop_like import on_board_curves
 from glucoloop.control.protocol import Status
 from glucoloop.metrics.metric import Ended, Metric, Result, Trajectory, count
 from glucoloop.units import MU_PER_U
@@ -274,13 +274,13 @@ class InsulinOnBoard(Metric, name="insulin-on-board"):
 
     def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _OnBoard:
         zero = jnp.zeros_like(glucose_mg_dl)
-        past = curves(trajectory.concrete_sample_min)[0].size - 1
+        past = on_board_curves(trajectory.concrete_sample_min)[0].size - 1
         return _OnBoard(
             doses_mU=jnp.zeros((past, *zero.shape), zero.dtype), total_U=zero, largest_U=jnp.full_like(zero, -jnp.inf)
         )
 
     def sample(self, trajectory: Trajectory, state: _OnBoard, happened: Sampled, t_min: jax.Array) -> _OnBoard:
-        left = jnp.asarray(curves(trajectory.concrete_sample_min)[0][1:], state.total_U.dtype)
+        left = jnp.asarray(on_board_curves(trajectory.concrete_sample_min)[0][1:], state.total_U.dtype)
         on_board_U = jnp.tensordot(left, state.doses_mU, 1) / MU_PER_U
         assert happened.basal_mU_min is not None  # whoever folds metrics gives it
         dose_mU = (happened.infused_mU_min - happened.basal_mU_min) * trajectory.sample_time_min

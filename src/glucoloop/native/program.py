@@ -22,7 +22,7 @@ operation                              value
 ``number``                             one for true, zero for false
 ``mantissa exponent``                  ``x = mantissa 2^exponent`` with a mantissa in [1, 2), for normal x above 0
 ``power_of_two``                       two to the whole number which stands in the last bits of a number
-``ratio``                              a quotient; `divisions` replaces all of them before a target sees them
+``ratio``                              a quotient; `lower` replaces all of them before a target sees them
 ``loop``                               rounds of what is at home in it, see `LoopForm`; ``part`` is one of its results
 ====================================== ==========================================================================
 

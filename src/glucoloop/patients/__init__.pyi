@@ -2,7 +2,6 @@ from .catalogue import PATIENTS as PATIENTS
 from .catalogue import patient as patient
 from .component import OperatingPoint as OperatingPoint
 from .component import PatientComponent as PatientComponent
-from .joint import JointVariation as JointVariation
 from .ode import OdePatient as OdePatient
 from .population import Draw as Draw
 from .population import Population as Population
@@ -19,4 +18,5 @@ from .sorensen.patient import SorensenPatient as SorensenPatient
 from .sorensen.patient import at_basal as at_basal
 from .sorensen.patient import at_setpoint as at_setpoint
 from .table import PeopleTable as PeopleTable
+from .variation import JointVariation as JointVariation
 from .variation import Variation as Variation

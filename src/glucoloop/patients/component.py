@@ -10,7 +10,7 @@ import dataclasses
 import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple, Self, TypeAlias
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import represented
@@ -23,9 +23,9 @@ from glucoloop.patients.resting import Rest
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
-    from glucoloop.patients.joint import JointVariation
     from glucoloop.patients.population import Population
-    from glucoloop.patients.variation import Distribution, Variation
+    from glucoloop.patients.variation import Distribution, JointVariation, Variation
+
 
 Sound: TypeAlias = "Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]"
 NOMINAL: Final = "nominal"
@@ -323,3 +323,14 @@ class PatientComponent(PytreeComponent):
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
         """Infusion of 0 or more that holds the given glucose; ValueError if none does."""
         return self.rest.insulin(self.parameters, glucose_mg_dl)
+
+
+class Constant(NamedTuple):
+    """One value of a published parameter set."""
+
+    name: str
+    """Field of the parameter record; a dot leads into a nested one."""
+    value: float
+    unit: str
+    meaning: str
+    source: str

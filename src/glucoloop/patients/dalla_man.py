@@ -50,17 +50,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.meals.dalla_man import DallaManGut
-from glucoloop.patients.component import OperatingPoint
+from glucoloop.patients.component import Constant, OperatingPoint
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import Distribution, Variation
 from glucoloop.refusal import Refusal
 from glucoloop.units import MU_MIN_PER_PMOL_MIN
 
 if TYPE_CHECKING:
-    from glucoloop.patients.joint import JointVariation
     from glucoloop.patients.population import Population
+    from glucoloop.patients.variation import JointVariation
 
 DALLA_MAN_2007: Final = "Dalla Man et al. 2007, IEEE Trans. Biomed. Eng. 54(10), Table I, normal subject"
 GIM: Final = "Dalla Man et al. 2007 (GIM), J. Diabetes Sci. Technol. 1(3), as LoopInsighT1 has it"

@@ -35,10 +35,9 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.meals.hovorka import HovorkaGut
-from glucoloop.patients.component import OperatingPoint
+from glucoloop.patients.component import Constant, OperatingPoint
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import Distribution, refuse_not_positive
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_H

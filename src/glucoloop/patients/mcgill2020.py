@@ -30,10 +30,9 @@ from typing import ClassVar, Final
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.meals.hovorka import HovorkaGut
-from glucoloop.patients.component import OperatingPoint
+from glucoloop.patients.component import Constant, OperatingPoint
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.provenance import Constant
 from glucoloop.refusal import Refusal
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H, MU_PER_U
 

@@ -18,18 +18,16 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._extras import MissingExtraError
 from glucoloop._pytree import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.catalogue import patient, patient_entry
 from glucoloop.patients.component import NOMINAL
-from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.protocol import Patient
 from glucoloop.patients.table import REPLACED, PeopleTable
-from glucoloop.patients.variation import Distribution, Values, Variation
-from glucoloop.refusal import Refusal
+from glucoloop.patients.variation import Distribution, JointVariation, Values, Variation
+from glucoloop.refusal import MissingExtraError, Refusal
 from glucoloop.therapy import Profile
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 

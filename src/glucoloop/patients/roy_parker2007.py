@@ -38,10 +38,9 @@ from typing import ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.meals.roy_parker import RoyParkerGut
-from glucoloop.patients.component import OperatingPoint
+from glucoloop.patients.component import Constant, OperatingPoint
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.provenance import Constant
 
 PAPER: Final = "Roy and Parker 2007, J. Diabetes Sci. Technol. 1(3)"
 RESTATED: Final = f"{PAPER}, default of the restatement in LoopInsighT1"

@@ -13,10 +13,10 @@ import importlib.util
 from pathlib import Path
 from typing import Final
 
-from glucoloop._extras import missing
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.population import Population
 from glucoloop.patients.table import PeopleTable
+from glucoloop.refusal import missing
 from glucoloop.units import MU_MIN_PER_PMOL_MIN
 
 NAME: Final = "simglucose"

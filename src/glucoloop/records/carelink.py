@@ -12,7 +12,7 @@ from typing import Final
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
-from glucoloop.records.carelink_raw import place_of_raw
+from glucoloop.records.carelink_raw import notes_on_clock, place_of_raw
 from glucoloop.records.devices import kind_of
 from glucoloop.records.extract import BasalEvent, Extract, basal_rates, bolus_types, extract_frame, with_basal
 from glucoloop.records.file_text import CellTable, FileText, table_of
@@ -130,9 +130,7 @@ class CareLink(ReaderComponent, name="carelink"):
             .then(pl.lit("alarms"))
             .otherwise(pl.lit("entries about the device"))
         )
-        if frame["changed"].is_not_null().any():
-            count = int(frame["changed"].is_not_null().sum())
-            notes.append(f"The clock of the device was set {count} times; times are as it showed them.")
+        notes += notes_on_clock(frame)
         result = extract_frame(
             frame,
             times,

@@ -48,6 +48,12 @@ _RUNNING: Final = ("normal", "auto_resume", "user_restart")
 """Beginnings of the state of a pump that delivers; ``null`` tells nothing, and any other state is a suspension."""
 
 
+def notes_on_clock(frame: pl.DataFrame) -> list[str]:
+    """Sentence on settings of the clock, which stand in the column ``changed``; none where there are none."""
+    count = int(frame["changed"].is_not_null().sum())
+    return [f"The clock of the device was set {count} times; times are as it showed them."] if count else []
+
+
 def place_of_raw(content: FileText) -> tuple[int, str] | None:
     """Line and delimiter of the header of such a table; None if there is none."""
     for place, fields in content.fields:
@@ -76,9 +82,7 @@ class CareLinkRaw(ReaderComponent, name="carelink-raw"):
             **{name: table.texts(names[at] if at < len(names) else None) for name, at in _PLACES.items()}
         )
         times, notes = times_of(frame.select(pl.concat_str("date", "clock", separator=" ")).to_series(), answers)
-        if frame["changed"].is_not_null().any():
-            count = int(frame["changed"].is_not_null().sum())
-            notes.append(f"The clock of the device was set {count} times; times are as it showed them.")
+        notes += notes_on_clock(frame)
         kind, in_grams = pl.col("type"), ~_value("CARB_UNITS").str.contains("(?i)exchange").fill_null(False)
         in_grams &= pl.lit("exchange" not in names[_PLACES["carbs"]].casefold())
         named = (

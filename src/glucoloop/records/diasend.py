@@ -13,7 +13,7 @@ from typing import ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
-from glucoloop.records.extract import Extract, extract_frame, notes_on_spread, number_in, with_doses
+from glucoloop.records.extract import Extract, extended_boluses, extract_frame, notes_on_spread, with_doses
 from glucoloop.records.file_text import FileText
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
@@ -60,11 +60,7 @@ class Diasend(TableReaderComponent, name="diasend"):
             )
         frame = table.frame.select(**{name: table.texts(table.column(start)) for name, start in _COLUMNS.items()})
         times, notes = times_of(frame["time"], answers)
-        extended = [
-            (row, units, minutes)
-            for row, (dose, span) in enumerate(frame.select("extended", "minutes").iter_rows())
-            if (units := number_in(dose)) and (minutes := number_in(span))
-        ]
+        extended = extended_boluses(frame)
         rows = pl.Series([row for row, _, _ in extended], dtype=pl.Int64)
         spread = pl.int_range(pl.len(), dtype=pl.Int64).is_in(rows.implode())
         notes += notes_on_spread(len(extended))

@@ -117,6 +117,15 @@ def notes_on_spread(count: int) -> list[str]:
     return [f"{given} given over a time, in part or as a whole; bolus_min has that time."] if count else []
 
 
+def extended_boluses(frame: pl.DataFrame) -> list[tuple[int, float, float]]:
+    """Row, insulin [U] and time [min] of each bolus over a time, of the columns ``extended`` and ``minutes``."""
+    return [
+        (row, units, minutes)
+        for row, (dose, span) in enumerate(frame.select("extended", "minutes").iter_rows())
+        if (units := number_in(dose)) and (minutes := number_in(span))
+    ]
+
+
 def with_doses(frame: pl.DataFrame, doses: list[tuple[int, float, float]]) -> pl.DataFrame:
     """Rows of an extract and those of boluses over a time: row of the file, insulin [U] and time [min] of each."""
     if not doses:

@@ -189,8 +189,7 @@ def segments_of(content: object) -> dict[str, list[tuple[float, float]]] | None:
     if not profiles:
         return None
     newest = max(profiles, key=_begin)
-    store = newest["store"]
-    schedule = store.get(str(newest.get("defaultProfile"))) or next(iter(store.values()), None)
+    schedule = _default_schedule(newest)
     if not isinstance(schedule, dict):
         return None
     units = str(schedule.get("units") or newest.get("units") or "mg/dl").lower()
@@ -263,12 +262,17 @@ def _rate(value: object) -> float | None:
     return number if number is not None and 0.0 <= number <= 100.0 else None
 
 
+def _default_schedule(profile: Mapping[str, Any]) -> Any:
+    """Schedule that a profile names as its default one, or its first one; None if it has none."""
+    store = profile["store"]
+    return store.get(str(profile.get("defaultProfile"))) or next(iter(store.values()), None)
+
+
 def zones_of(profiles: Sequence[Mapping[str, Any]]) -> list[str]:
     """Time zones that profiles tell of the person, the newest first."""
     zones = []
     for profile in sorted(profiles, key=_begin, reverse=True):
-        store = profile["store"]
-        chosen = store.get(str(profile.get("defaultProfile"))) or next(iter(store.values()), None)
+        chosen = _default_schedule(profile)
         zone = zone_named(chosen.get("timezone")) if isinstance(chosen, dict) else None
         if zone is not None:
             zones.append(zone)

@@ -15,7 +15,15 @@ from typing import ClassVar, Final
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
-from glucoloop.records.extract import Extract, bolus_types, extract_frame, notes_on_spread, number_in, with_doses
+from glucoloop.records.extract import (
+    Extract,
+    bolus_types,
+    extended_boluses,
+    extract_frame,
+    notes_on_spread,
+    number_in,
+    with_doses,
+)
 from glucoloop.records.file_text import FileText, table_of
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.times import times_of
@@ -63,11 +71,7 @@ class Tandem(TableReaderComponent, name="tandem"):
             for table in tables
         )
         times, notes = times_of(frame["time"], answers)
-        extended = [
-            (row, later, minutes)
-            for row, (dose, span) in enumerate(frame.select("extended", "minutes").iter_rows())
-            if (later := number_in(dose)) and (minutes := number_in(span))
-        ]
+        extended = extended_boluses(frame)
         notes += notes_on_spread(len(extended))
         at_once = [_at_once(*doses) for doses in frame.select("bolus", "extended", "requested").iter_rows()]
         if not frame["basal"].is_not_null().any():

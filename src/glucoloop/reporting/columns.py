@@ -19,10 +19,9 @@ import polars as pl
 from polars import selectors
 
 from glucoloop.display_units import OTHERS, heading_shown, in_shown_units, other_number, shown_unit
-from glucoloop.metrics.catalogue import metrics_with
-from glucoloop.metrics.metric import Result
+from glucoloop.metrics.metric import Result, metrics_with
 from glucoloop.refusal import Refusal
-from glucoloop.reporting.periods import moment_text
+from glucoloop.reporting.labelled_traces import moment_text
 from glucoloop.text import NOT_AVAILABLE, glucose_text
 from glucoloop.text import percent as percent_text
 from glucoloop.units import MIN_PER_DAY, UNIT_BY_ENDING, ending_of

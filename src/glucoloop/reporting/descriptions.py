@@ -14,7 +14,7 @@ from glucoloop.meals import Meal
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import Population
 from glucoloop.pumps import PUMPS, PumpComponent
-from glucoloop.reporting.periods import moment_text
+from glucoloop.reporting.labelled_traces import moment_text
 from glucoloop.sensors import DeadTime, IdealSensor, WhiteNoise
 from glucoloop.simulation.user_objects import goes_fast
 from glucoloop.situations.case import Case

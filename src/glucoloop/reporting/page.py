@@ -37,9 +37,11 @@ from glucoloop.reporting.labelled_traces import (
     in_view,
     labelled_runs,
     limits_passed,
+    moment_text,
+    periods_below,
+    periods_text,
     values_in_words,
 )
-from glucoloop.reporting.periods import moment_text, periods_below, periods_text
 from glucoloop.reporting.template import Repeat, render
 from glucoloop.simulation import Trace
 from glucoloop.text import glucose_text

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from glucoloop.metrics.readings.people import PeopleSpread, over_people
+from glucoloop.metrics.readings.catalogue import PeopleSpread, over_people
 from glucoloop.metrics.readings.profile import DayProfile, day_profile
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.reporting._style import RANGE_COLOURS

@@ -19,10 +19,9 @@ import numpy as np
 
 from glucoloop.display_units import in_both_units, other_number
 from glucoloop.metrics.metric import Result
-from glucoloop.metrics.readings.catalogue import MEASURES
+from glucoloop.metrics.readings.catalogue import MEASURES, PeopleSpread
 from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, glucose_episodes
-from glucoloop.metrics.readings.people import PeopleSpread
 from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile, by_time_of_day
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
 from glucoloop.reporting.charts import GLUCOSE, Panel, Plot

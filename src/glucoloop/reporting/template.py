@@ -20,7 +20,7 @@ from markupsafe import Markup
 import glucoloop
 from glucoloop.component.code import loaded
 from glucoloop.display_units import OTHERS, headings_in_both, in_both_units, in_shown_units, other_number, shown_unit
-from glucoloop.pages.script import colours, page_script, policy_source
+from glucoloop.pages import colours, page_script, policy_source
 from glucoloop.reporting.columns import headings
 from glucoloop.situations.toml import toml_text, with_code
 from glucoloop.text import glucose_text, percent

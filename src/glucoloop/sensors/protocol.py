@@ -101,7 +101,7 @@ SENSORS: Final = Catalogue(
         "dexcom-g5": "glucoloop.sensors.cgm.published:DexcomG5",
         "dexcom-g6": "glucoloop.sensors.cgm.published:DexcomG6",
         "vettoretti-2019": "glucoloop.sensors.cgm.published:Vettoretti2019",
-        "cgm-display": "glucoloop.sensors.cgm.display:Display",
+        "cgm-display": "glucoloop.sensors.cgm.monitor:Display",
     },
     example="white-noise, variance=1.45",
 )

@@ -34,14 +34,14 @@ _MAX_STEPS: Final = 4096
 
 
 @pytree
-class Appearing(Exogenous):
+class _Appearing(Exogenous):
     """Inputs of a patient in one sample, with the meals that a linear gut absorbs in it."""
 
     meals: SampleMeals
 
 
 @pytree
-class AdaptivePlant:
+class _AdaptivePlant:
     """A patient with a linear gut; implements `Plant`."""
 
     patient: Patient
@@ -53,7 +53,7 @@ class AdaptivePlant:
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
-        assert isinstance(exogenous, Appearing)
+        assert isinstance(exogenous, _Appearing)
         start, meals = exogenous.t_min, exogenous.meals
         minute_inputs = exogenous.minute_inputs.at_glucose(self.patient.glucose_mg_dl(x))
         if not minute_inputs.names:
@@ -96,7 +96,7 @@ class Fed(Exogenous):
 
 
 @pytree
-class AdaptiveGutPlant:
+class _AdaptiveGutPlant:
     """A patient with a gut given by its equations; implements `Plant`."""
 
     patient: Patient
@@ -144,19 +144,19 @@ class AdaptiveGutPlant:
         return (x, gut), states
 
 
-def _body_rates(t: jax.Array, x: jax.Array, known: tuple[AdaptivePlant, Any]) -> jax.Array:
+def _body_rates(t: jax.Array, x: jax.Array, known: tuple[_AdaptivePlant, Any]) -> jax.Array:
     plant, (insulin_mU_min, minute_inputs, meals) = known
     inputs = minute_inputs.inputs(insulin_mU_min, meals.appearance_mg_min(t, plant.model))
     rates: jax.Array = minute_inputs.of(plant.patient).derivative(plant.clock_min + t, x, inputs)
     return rates
 
 
-def _gut_rates(t: jax.Array, both: Any, known: tuple[AdaptiveGutPlant, Any]) -> tuple[jax.Array, jax.Array]:
+def _gut_rates(t: jax.Array, both: Any, known: tuple[_AdaptiveGutPlant, Any]) -> tuple[jax.Array, jax.Array]:
     plant, (_, _, eaten_mg_min) = known
     return both[0], plant.model.derivative(both[1], eaten_mg_min)
 
 
-def _body_and_gut_rates(t: jax.Array, both: Any, known: tuple[AdaptiveGutPlant, Any]) -> tuple[jax.Array, jax.Array]:
+def _body_and_gut_rates(t: jax.Array, both: Any, known: tuple[_AdaptiveGutPlant, Any]) -> tuple[jax.Array, jax.Array]:
     plant, (insulin_mU_min, minute_inputs, _) = known
     x, gut = both
     inputs = minute_inputs.inputs(insulin_mU_min, plant.model.appearance_mg_min(gut))
@@ -234,7 +234,7 @@ class Adaptive:
 
     def prepare(
         self, patient: Patient, absorption: Absorption, grid: SampleGrid
-    ) -> tuple[AdaptivePlant | AdaptiveGutPlant, Exogenous]:
+    ) -> tuple[_AdaptivePlant | _AdaptiveGutPlant, Exogenous]:
         """The patient with the meals or the gut, and the time and the state of the gut at each sample."""
         common: dict[str, Any] = {
             "patient": patient,
@@ -243,23 +243,23 @@ class Adaptive:
         }
         times = jnp.asarray(grid.t_min)
         if isinstance(absorption, LinearAbsorption):
-            plant = AdaptivePlant(**common, model=absorption.model, tolerance=self.tolerance)
+            plant = _AdaptivePlant(**common, model=absorption.model, tolerance=self.tolerance)
             meals = meals_of_samples(absorption, grid.samples, grid.sample_time_min)
-            return plant, Appearing(t_min=times, meals=meals)
+            return plant, _Appearing(t_min=times, meals=meals)
         assert isinstance(absorption, OdeAbsorption)
-        fed = AdaptiveGutPlant(**common, model=absorption.model, tolerance=self.tolerance)
+        fed = _AdaptiveGutPlant(**common, model=absorption.model, tolerance=self.tolerance)
         eaten = absorption.eaten_in_run(grid.samples, grid.sample_time_min)
         return fed, _course(fed, absorption.state, eaten, times)
 
     def at_sample(
         self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array
-    ) -> tuple[AdaptivePlant | AdaptiveGutPlant, Exogenous, Any]:
+    ) -> tuple[_AdaptivePlant | _AdaptiveGutPlant, Exogenous, Any]:
         """The plant, the inputs of the sample with a number, and the gut after it."""
         t_min = index * grid.sample_time_min
         if isinstance(absorption, LinearAbsorption):
             meals = meals_of_sample(absorption, index, grid.sample_time_min)
             gut = absorption.at_sample(index, 1, grid.sample_time_min)[1]
-            return plant, Appearing(t_min=t_min, meals=meals), gut
+            return plant, _Appearing(t_min=t_min, meals=meals), gut
         assert isinstance(absorption, OdeAbsorption)
         eaten = absorption.eaten_in_sample(index, grid.sample_time_min)
         outside = Fed(t_min=t_min, gut=absorption.state, eaten=eaten)
@@ -267,7 +267,7 @@ class Adaptive:
 
 
 @kept_jit
-def _course(plant: AdaptiveGutPlant, gut: jax.Array, eaten: jax.Array, t_min: jax.Array) -> Fed:
+def _course(plant: _AdaptiveGutPlant, gut: jax.Array, eaten: jax.Array, t_min: jax.Array) -> Fed:
     """Inputs of all samples of a run, from the course of the gut by itself."""
 
     def one(gut: jax.Array, entry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, Fed]:

@@ -63,7 +63,7 @@ class Start:
 
 
 @pytree
-class OnGrid:
+class _OnGrid:
     """Meals on the grid of samples, and the grid."""
 
     t_min: Values
@@ -74,7 +74,7 @@ class OnGrid:
     """Time of day at each sample, or None if the controller does not get it."""
 
 
-def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
+def on_the_grid(scenario: Scenario, grid: SampleGrid) -> _OnGrid:
     """Meals of a scenario on a grid of samples, from the beginning of its warm-up on."""
     meals = scenario.eaten()
 
@@ -91,7 +91,7 @@ def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
     if scenario.announced:
         announced_at_min = scenario.warm_up_min + announced_min(scenario.meals, scenario.announced_before_min)
         announced = at_samples(announced_at_min, announced_g(scenario.meals))
-    return OnGrid(
+    return _OnGrid(
         t_min=grid.t_min,
         fine_t_min=grid.fine_t_min,
         carbs_g=carbs_g,
@@ -101,7 +101,7 @@ def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
 
 
 @kept_jit(static_argnums=1)
-def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: OnGrid, key: jax.Array) -> Trace:
+def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: _OnGrid, key: jax.Array) -> Trace:
     """Scan of the closed loop over samples."""
     loop: Loop = fixed.joined(numbers)
     patient = loop.plant.patient
@@ -118,7 +118,7 @@ def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid
     return trace_of(patient, start, on_grid, happened, last.x)
 
 
-def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled, x_end: jax.Array) -> Trace:
+def trace_of(patient: Patient, start: Start, on_grid: _OnGrid, happened: Sampled, x_end: jax.Array) -> Trace:
     """Trace of a run from the events of its samples, which are stacked on the leading axis, and its last state."""
     glucose = patient.glucose_mg_dl(start.x)
     return Trace(
@@ -344,7 +344,7 @@ def closed_loop(
     return with_minute_inputs(trace, scenario, on_grid, minute_inputs).after(counted.warm_up)
 
 
-def with_minute_inputs(trace: Trace, scenario: Scenario, on_grid: OnGrid, minute_inputs: MinuteInputs) -> Trace:
+def with_minute_inputs(trace: Trace, scenario: Scenario, on_grid: _OnGrid, minute_inputs: MinuteInputs) -> Trace:
     """A trace with what was announced, and the exercise of its scenario."""
     announced_g = jnp.asarray(on_grid.announced_g) if scenario.announced else None
     exercise = None if minute_inputs.exercise_pct is None else jnp.mean(jnp.asarray(minute_inputs.exercise_pct), axis=1)

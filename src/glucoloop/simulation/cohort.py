@@ -23,7 +23,7 @@ from glucoloop.control.protocol import Controller, gives_boluses, gives_glucagon
 from glucoloop.meals.absorption import Digestion
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, refuse_glucagon
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump

@@ -30,8 +30,8 @@ import numpy.typing as npt
 from glucoloop.native.flatten import Drawing
 from glucoloop.native.lower import Shapes, lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors_at_once
-from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.native.words import lower_drawing
 from glucoloop.refusal import Refusal
 from glucoloop.sparse import Sparse, dense
@@ -48,7 +48,7 @@ def draws(drawing: Drawing, key: Any, products: str) -> Draws | None:
     """Function that draws the numbers of people; None where nothing is drawn.
 
     `key` is an example of a random key. The numbers are those that JAX draws for one person, with normal numbers equal
-    to rounding; products are rounded as `glucoloop.native.targets.products` says.
+    to rounding; products are rounded as `glucoloop.native.targets` says.
     """
     if not drawing.results:
         return None
@@ -152,7 +152,7 @@ def make_engine(
     """An engine for a loop, made from an example of one person and one sample, of which only shapes and types count.
 
     The key stands in the place of ``rng``. Without a name the engine is native code if the loop allows it. Precision
-    and the rounding of products (see `native.targets.products`) are those of native code; the other engine computes in
+    and the rounding of products (see `native.targets`) are those of native code; the other engine computes in
     float64 and rounds as its compiler likes. Native code or strict products that are asked for and not possible are
     refused.
     """
@@ -173,7 +173,7 @@ def make_engine(
                 ) from None
     if products == STRICT:
         raise Refusal("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
-    return MappedEngine(step, (person, carry), lacking)
+    return _MappedEngine(step, (person, carry), lacking)
 
 
 class NativeEngine:
@@ -242,7 +242,7 @@ class _NativeLanes:
         return _tree(self._shapes.outputs, rows["outputs"][:, :n], axis=0)
 
 
-class MappedEngine:
+class _MappedEngine:
     """Engine with JAX mapped over people, in float64, on the default device."""
 
     name: Final = "xla"

@@ -206,7 +206,7 @@ def step(
     return patient.join(y_end, matrices.driven_end @ drive), glucose
 
 
-def rough_step(
+def _rough_step(
     patient: SemilinearPatient,
     matrices: Matrices,
     dense: jax.Array,
@@ -261,10 +261,10 @@ class ExponentialPlant:
     patient: SemilinearPatient
     matrices: Matrices
     rough: bool = static(default=False)
-    """Whether it goes by `rough_step`."""
+    """Whether it goes by `_rough_step`."""
 
     def roughly(self) -> ExponentialPlant:
-        """The same plant by `rough_step`."""
+        """The same plant by `_rough_step`."""
         return dataclasses.replace(self, rough=True)
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
@@ -276,7 +276,7 @@ class ExponentialPlant:
                 "the exponential integrator has matrices for a patient whose constants stay, and knows no exercise; "
                 "leave the integrator out, or take Explicit() or Adaptive()"
             )
-        one = rough_step if self.rough else step
+        one = _rough_step if self.rough else step
         if dense.shape[0] == 1:
             return one(self.patient, self.matrices, dense[0], x, insulin_mU_min, moments[0])
 

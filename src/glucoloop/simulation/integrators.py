@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import jax
 
 from glucoloop.arguments import is_traced
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.patients.protocol import Patient
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.explicit import Explicit, ExplicitPeople

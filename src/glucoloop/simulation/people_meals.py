@@ -14,7 +14,7 @@ from glucoloop._pytree import chosen, varying
 from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets import FUSED
 from glucoloop.patients.protocol import Patient
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.sparse import Sparse
@@ -42,7 +42,7 @@ class PeopleMeals:
     announced, own_announcements : bool
         Whether meals are announced, and whether what is announced differs between people.
     products : str
-        Rounding of products, see `native.targets.products`.
+        Rounding of products, see `native.targets`.
     """
 
     def __init__(

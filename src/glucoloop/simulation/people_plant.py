@@ -31,8 +31,8 @@ import numpy.typing as npt
 
 from glucoloop._pytree import chosen, replaced, varying
 from glucoloop.native.lower import lower
+from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
-from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.exponential import (
@@ -160,7 +160,7 @@ class PeoplePlant:
     """Plants of people of one kind, with an integrator that is made about the nominal patient.
 
     `varied` are some people, to show which constants vary: those that have one axis more than the nominal patient's.
-    Products are rounded in the matrices of people as `glucoloop.native.targets.products` says.
+    Products are rounded in the matrices of people as `glucoloop.native.targets` says.
     """
 
     def __init__(

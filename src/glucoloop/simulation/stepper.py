@@ -15,11 +15,9 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, random_key
 from glucoloop.component.effects import RHYTHMS, warn_without_effect
 from glucoloop.control.protocol import Decision, Observation, Status
-from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
-from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import meal_model_of
-from glucoloop.meals.protocol import Eaten, MealModel, OdeMealModel
+from glucoloop.meals.protocol import SHORTEST_EATING_MIN, Eaten, MealModel, OdeMealModel
 from glucoloop.meals.scenario import Meal, Scenario
 from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient
@@ -45,7 +43,7 @@ from glucoloop.simulation.trace import Trace
 from glucoloop.simulation.user_objects import Fixed, apart
 from glucoloop.simulation.vector_stepper import ExternalDoses
 from glucoloop.snapshot import fingerprint, pack, unpack
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LONGEST_RUN_MIN, MIN_PER_DAY
 
 E = TypeVar("E")
 

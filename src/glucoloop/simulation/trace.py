@@ -123,7 +123,7 @@ class Trace:
 
     @property
     def insulin_on_board_U(self) -> npt.NDArray[np.float64]:
-        """(samples, ...) insulin on board at each sample, above the basal rate; see `control.on_board`."""
+        """(samples, ...) insulin on board at each sample, above the basal rate; see `control.loop_like.on_board`."""
         insulin, _ = self._curves
         return _on_board(self.warm_up_dose_mU, self._dose_mU, insulin) / MU_PER_U
 
@@ -135,9 +135,9 @@ class Trace:
 
     @property
     def _curves(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        from glucoloop.control.on_board import curves
+        from glucoloop.control.loop_like import on_board_curves
 
-        return curves(float(self._sample_time_min))
+        return on_board_curves(float(self._sample_time_min))
 
     @property
     def glucose_valid(self) -> jax.Array:
@@ -165,7 +165,7 @@ class Trace:
         of them what the rates tell of the basal rate; where it gives glucagon, ``glucagon_ug`` was delivered and
         ``command_glucagon_ug`` commanded. ``carbs_on_board_g`` and, with subcutaneous insulin,
         ``insulin_on_board_U`` are what is on board at the sample before its own dose and meal, by the curves of
-        `control.on_board`; insulin counts above the basal rate.
+        `control.loop_like`; insulin counts above the basal rate.
 
         Raises
         ------
@@ -246,7 +246,7 @@ class Trace:
 
 def _on_board(before: jax.Array | None, amounts: jax.Array, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Amount on board at each sample, with what was given before the first of them."""
-    from glucoloop.control.on_board import on_board
+    from glucoloop.control.loop_like import on_board
 
     if before is None:
         return on_board(amounts, curve)

@@ -6,12 +6,11 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from glucoloop.limits import LARGEST_MEAL_G
 from glucoloop.meals import Meal
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import CONFIRM_OPTION, MEAL, refuse_unusual
-from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY, NUMBER, UNITS_OF_TIME
+from glucoloop.units import HOURS_PER_DAY, LARGEST_MEAL_G, MIN_PER_DAY, NUMBER, UNITS_OF_TIME
 
 _UNIT: Final = "|".join(UNITS_OF_TIME)
 _MEAL: Final = re.compile(

@@ -18,10 +18,9 @@ from glucoloop.component.grammar import NAME, component_tree, plain
 from glucoloop.component.setting import known_names
 from glucoloop.meals import Meal
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, patient_entry
-from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.population import Population, population, population_names
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
-from glucoloop.patients.variation import Variation
+from glucoloop.patients.variation import JointVariation, Variation
 from glucoloop.refusal import Refusal
 from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.situations.toml import LARGEST_CHARACTERS, read_file, text_of_file

@@ -19,13 +19,12 @@ from glucoloop.component.effects import (
 )
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, completed
-from glucoloop.component.setting import value_text
+from glucoloop.component.setting import CONTROLLER_PANEL, PATIENT_PANEL, Option, value_text
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.models.settings import ModelComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import whole_samples
 from glucoloop.situations.case import Case, completed_case
-from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioComponent
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
 from glucoloop.situations.therapy_text import by_clock, changes_option, needs_of, read_change, with_changes
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from glucoloop.meals import Meal, Scenario
-    from glucoloop.meals.days import LivedDays
+    from glucoloop.meals.habits import LivedDays
     from glucoloop.meals.plan import MealPlan
     from glucoloop.patients.population import Population
     from glucoloop.physiology.exercise import Bouts as DrawnBouts
@@ -182,7 +181,7 @@ class FedSituation(DaySettings, ControlledSituation):
             )
         if self.days is not None and self.duration_min is not None:
             raise Refusal("days and duration_min both tell the length; leave one out")
-        refuse_parts_of_samples(self.horizon_min, self.sample_time_min, has_duration=self.days is None)
+        _refuse_parts_of_samples(self.horizon_min, self.sample_time_min, has_duration=self.days is None)
         whole_samples(self.warm_up_min, self.sample_time_min, "a warm-up")
         self.refuse_late_faults(self.horizon_min)
 
@@ -425,7 +424,7 @@ class Run(FedSituation):
 
     def with_changes(self, texts: tuple[str, ...]) -> Run:
         """The run under changes of its therapy, each of which acts on what the ones before leave."""
-        plain = Run(**{**{name: getattr(self, name) for name in Run.settings()}, "changes": ()})
+        plain = Run.narrowed(self, changes=())
         try:
             return with_changes(plain, map(read_change, texts)) if texts else plain
         except Refusal as error:
@@ -456,7 +455,7 @@ class Run(FedSituation):
         return self.scenario_of(self.eaten(), self.initial_glucose_mg_dl)
 
 
-def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_duration: bool = True) -> None:
+def _refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_duration: bool = True) -> None:
     """Refuse a run that is not a whole number of samples long.
 
     The sentence has the nearest sample time and, where a duration can be given, the nearest that would be possible.

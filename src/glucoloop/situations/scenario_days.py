@@ -6,8 +6,8 @@ from glucoloop.control.action import ACTIONS, ActionComponent
 from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.meals.habits import HABITS, HabitComponent
 from glucoloop.physiology.rhythm import RHYTHMS, RhythmComponent
-from glucoloop.situations.profile_changes import PROFILE_ERRORS, ProfileErrorComponent
 from glucoloop.situations.scenarios import ScenarioComponent
+from glucoloop.situations.therapy_settings import PROFILE_ERRORS, ProfileErrorComponent
 
 
 class PlainDay(ScenarioComponent, name="plain-day"):

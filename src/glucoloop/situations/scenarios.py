@@ -15,16 +15,15 @@ from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, EXERCISE, MEALS, TIME_OF_DAY
 from glucoloop.component.grammar import NAME, Leaf, Tree, as_tree
+from glucoloop.component.setting import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.control.action import ActionComponent
 from glucoloop.faults import FaultComponent
-from glucoloop.limits import LONGEST_AHEAD_MIN, LONGEST_RUN_MIN, MAX_DAYS
 from glucoloop.meals.habits import HabitComponent
 from glucoloop.physiology.rhythm import RhythmComponent
-from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
-from glucoloop.situations.profile_changes import ProfileErrorComponent
+from glucoloop.situations.therapy_settings import WrongProfile
 from glucoloop.situations.toml import read_file
 from glucoloop.unit_guess import DURATION
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LONGEST_AHEAD_MIN, LONGEST_RUN_MIN, MAX_DAYS, MIN_PER_DAY
 
 DEFAULT_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
 """Breakfast, lunch and dinner."""
@@ -98,14 +97,6 @@ Actions = Annotated[
         "What the person does by hand or tells the controller, like 'bolus, time=14h' or 'exercise, time=16h'; repeat "
         "it for more.",
         flag="--action",
-        rare=True,
-    ),
-]
-WrongProfile = Annotated[
-    ProfileErrorComponent | None,
-    _patient(
-        "Error of the profiles that controllers have, like 'ratio_pct=50' or 'spread_pct=20'; right by default.",
-        flag="--profile-error",
         rare=True,
     ),
 ]

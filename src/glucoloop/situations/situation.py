@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.component.base import Component
 from glucoloop.component.effects import (
@@ -19,7 +19,6 @@ from glucoloop.component.effects import (
     GLUCAGON,
     MEALS,
     MEALS_ANNOUNCED,
-    PROFILE,
     READINGS,
     SUBCUTANEOUS,
     TEMPORARY_TARGETS,
@@ -28,20 +27,17 @@ from glucoloop.component.effects import (
 )
 from glucoloop.component.grammar import as_tree
 from glucoloop.component.request import by_default, completed, read_root, request_of
+from glucoloop.component.setting import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.control.glucagon import GlucagonComponent
 from glucoloop.faults import START, FaultComponent
-from glucoloop.limits import LARGEST_SEED
+from glucoloop.meals.models import MealModelComponent
 from glucoloop.meals.rescue import RescueComponent
-from glucoloop.meals.settings import MealModelComponent
-from glucoloop.metrics.catalogue import metrics_with
-from glucoloop.metrics.metric import Metric
+from glucoloop.metrics.metric import Metric, metrics_with
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.component import PatientComponent
 from glucoloop.pumps import PUMPS, PumpComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import DeadTime, IdealSensor, SensorComponent, WhiteNoise, whole_samples
-from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
-from glucoloop.situations.profile_changes import OverrideComponent
 from glucoloop.situations.scenarios import (
     Actions,
     AnnounceBefore,
@@ -52,9 +48,9 @@ from glucoloop.situations.scenarios import (
     Rhythms,
     StartTime,
     WarmUp,
-    WrongProfile,
 )
-from glucoloop.situations.therapy_text import parse_change, profile_texts, target_change, target_texts
+from glucoloop.situations.therapy_settings import Overrides, ProfileBy, Targets, TherapyProfile, WrongProfile
+from glucoloop.situations.therapy_text import parse_change, target_change
 from glucoloop.therapy import Schedule
 from glucoloop.unit_guess import (
     CONFIRM_OPTION,
@@ -66,7 +62,7 @@ from glucoloop.unit_guess import (
     SETPOINT,
     refuse_unusual,
 )
-from glucoloop.units import parse_time_of_day
+from glucoloop.units import LARGEST_SEED, parse_time_of_day
 
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel, RescueCarbs
@@ -82,46 +78,6 @@ _PUMP_LIMITS: Final = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_m
 _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
 
-ProfileBy = Annotated[
-    Literal["table", "titration"],
-    _patient(
-        "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
-        "titrated on each person, see the guide to populations.",
-        rare=True,
-        needs=(PROFILE,),
-    ),
-]
-TherapyProfile = Annotated[
-    tuple[str, ...],
-    _patient(
-        "Therapy by the time of day: a file like profile.toml or Nightscout's profile.json, or 'basal, 0.9, 0h-6h'; "
-        "repeat it for more. What it leaves out is the person's own.",
-        flag="--profile",
-        metavar="FILE|TEXT",
-        rare=True,
-        needs=(PROFILE,),
-        reads=profile_texts,
-    ),
-]
-Targets = Annotated[
-    tuple[str, ...],
-    _patient(
-        "Target in some hours of each day, like 110@22h until midnight or 120@22h-6h; repeat it for more.",
-        flag="--target-at",
-        metavar="MG/DL@HOURS",
-        rare=True,
-        reads=target_texts,
-    ),
-]
-Overrides = Annotated[
-    tuple[OverrideComponent, ...],
-    _patient(
-        "Hours of each day with another target or need of insulin, like 'exercise, from=17h, to=19h, target=150, "
-        "insulin=70%' or 'illness'; repeat it for more.",
-        flag="--override",
-        rare=True,
-    ),
-]
 Glucagon = Annotated[
     GlucagonComponent | None,
     _patient(
@@ -404,7 +360,9 @@ class Situation(Component):
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        return self._with(sensor=tuple(component for component in self.sensor if not isinstance(component, WhiteNoise)))
+        return Situation.narrowed(
+            self, sensor=tuple(component for component in self.sensor if not isinstance(component, WhiteNoise))
+        )
 
     def paced(self, every_min: float | None, *, known_dead_time: bool) -> Situation:
         """The situation as a controller meets it that acts at times of its own; itself where there is no such time.
@@ -416,7 +374,7 @@ class Situation(Component):
         known_sensors = tuple(
             component for component in self.sensor if known_dead_time or not isinstance(component, DeadTime)
         )
-        return self._with(sample_time_min=every_min, sensor=known_sensors)
+        return Situation.narrowed(self, sample_time_min=every_min, sensor=known_sensors)
 
     @property
     def schedule(self) -> Schedule:
@@ -426,10 +384,7 @@ class Situation(Component):
 
     def of_controller(self) -> Situation:
         """The situation without what is put around a controller: actions of the person, and a therapy by the clock."""
-        return self._with(actions=(), glucagon=None, therapy=(), targets=(), overrides=())
-
-    def _with(self, **changes: Any) -> Situation:
-        return Situation(**{**{name: getattr(self, name) for name in Situation.settings()}, **changes})
+        return Situation.narrowed(self, actions=(), glucagon=None, therapy=(), targets=(), overrides=())
 
     @property
     def nominal(self) -> Patient:

@@ -28,13 +28,11 @@ from glucoloop.component.effects import (
     READINGS,
     Need,
 )
-from glucoloop.component.setting import known_names
-from glucoloop.limits import LONGEST_AHEAD_MIN
+from glucoloop.component.setting import Option, known_names
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import Option
 from glucoloop.situations.toml import read_toml, text_of_file
 from glucoloop.therapy import TARGET, TherapyChange
-from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_DAY, MU_MIN_PER_U_H, NUMBER, UNITS_OF_TIME
+from glucoloop.units import LONGEST_AHEAD_MIN, MG_DL_PER_MMOL_L, MIN_PER_DAY, MU_MIN_PER_U_H, NUMBER, UNITS_OF_TIME
 
 if TYPE_CHECKING:
     from glucoloop.situations.run import FedSituation
@@ -80,14 +78,14 @@ def parse_change(text: str) -> TherapyChange:
     number = NUMBERS.get(name)
     if number is None:
         raise Refusal(f"{name!r} in {text!r} is no number of a therapy; {known_names(name, NUMBERS)}")
-    from_min, to_min = parse_hours(hours)
+    from_min, to_min = _parse_hours(hours)
     if temporary and number.field != TARGET:
         raise Refusal(f"{text!r} is temporary, which a target can be alone; leave it out")
     match = _AMOUNT.fullmatch(amount)
     if match is None:
         raise Refusal(f"{amount!r} in {text!r} is no amount; write a value in {number.unit}, or a part like +10%")
     if match[2] == "%":
-        return TherapyChange(number.field, from_min, to_min, factor=parse_percent(amount) / 100.0)
+        return TherapyChange(number.field, from_min, to_min, factor=_parse_percent(amount) / 100.0)
     unit, scale = match[2] or number.unit, 1.0
     if unit in ("mmol/l", "mmol/L", "mmol/l/U", "mmol/L/U") and number.unit.startswith("mg/dl"):
         scale = MG_DL_PER_MMOL_L
@@ -113,7 +111,7 @@ def _pieces(text: str) -> tuple[str, str, str, bool]:
     return name, amount, hours, temporary
 
 
-def parse_percent(text: str) -> float:
+def _parse_percent(text: str) -> float:
     """Percent of what holds otherwise: 110 for ``+10%`` and ``110%``, 80 for ``-20%``."""
     match = re.fullmatch(rf"({NUMBER})\s*%", text.strip(), re.ASCII)
     percent = math.nan if match is None else float(match[1]) + (100.0 if match[1][0] in "+-" else 0.0)
@@ -124,7 +122,7 @@ def parse_percent(text: str) -> float:
     return percent
 
 
-def parse_clock(text: str) -> float:
+def _parse_clock(text: str) -> float:
     """Minutes after midnight of ``22h``, ``22:30`` or ``90min``, up to 1440."""
     hours, colon, minutes = text.partition(":")
     if colon:
@@ -137,7 +135,7 @@ def parse_clock(text: str) -> float:
     return result
 
 
-def parse_hours(text: str) -> tuple[float, float]:
+def _parse_hours(text: str) -> tuple[float, float]:
     """Time of day at which hours begin and end; all day for an empty text."""
     text = text.strip()
     if not text:
@@ -146,9 +144,9 @@ def parse_hours(text: str) -> tuple[float, float]:
         return MEAL_HOURS[text]
     between, since = _HOURS.fullmatch(text), _FROM.fullmatch(text)
     if between is not None:
-        first, last = parse_clock(between[1]), parse_clock(between[2])
+        first, last = _parse_clock(between[1]), _parse_clock(between[2])
     elif since is not None:
-        first, last = parse_clock(since[1]), MIN_PER_DAY
+        first, last = _parse_clock(since[1]), MIN_PER_DAY
     else:
         raise Refusal(
             f"{text!r} are no hours of the day; write them like 0h-6h, 22:00-06:00 or from 22h, "
@@ -221,7 +219,7 @@ def _of_toml(text: str, path: str) -> list[TherapyChange]:
         table = value if isinstance(value, dict) else {"00:00": value}
         if not table:
             raise Refusal(f"{path}: {key} is empty; give a number, or times of day with a number each")
-        segments = [(parse_clock(time), str(amount)) for time, amount in table.items()]
+        segments = [(_parse_clock(time), str(amount)) for time, amount in table.items()]
         changes += _segments(_KEYS[key], segments)
     return changes
 

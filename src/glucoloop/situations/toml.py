@@ -55,7 +55,7 @@ def read_toml(text: str, name: str) -> ConfigurationFile:
         raise Refusal(too_deep) from None
     except ValueError:  # Python refuses a number of thousands of digits
         raise Refusal(too_large) from None
-    if deeper_than(keys, _DEEPEST):
+    if _deeper_than(keys, _DEEPEST):
         raise Refusal(too_deep)
     if _holds_too_large(keys):
         raise Refusal(too_large)
@@ -89,7 +89,7 @@ def text_of_file(path: str, what: str) -> str:
     return text if what == "CSV" else text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def deeper_than(value: object, levels: int) -> bool:
+def _deeper_than(value: object, levels: int) -> bool:
     """Whether tables and lists are nested more deeply than a number of levels.
 
     It is not recursive, so that any depth is measured; files of other people may nest without limit.

@@ -14,8 +14,8 @@ import polars as pl
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds
 from glucoloop.storage import disk
+from glucoloop.storage.results import parquet, read_parquet
 from glucoloop.storage.resumable import Origin, ResumableFolder, Work, opened
-from glucoloop.storage.tables import parquet, read_parquet
 
 R = TypeVar("R")
 

@@ -16,7 +16,7 @@ from glucoloop.identification import Identification
 from glucoloop.metrics import Metrics, clinical_summary, summarise
 from glucoloop.models.settings import FileComponent
 from glucoloop.refusal import Refusal
-from glucoloop.reporting.periods import validity, validity_note
+from glucoloop.reporting.labelled_traces import validity, validity_note
 from glucoloop.simulation import Adaptive, Trace
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.plant import SteppingIntegrator

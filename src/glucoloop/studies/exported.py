@@ -6,8 +6,8 @@ import functools
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import glucoloop
+from glucoloop.component.setting import Option
 from glucoloop.situations.case import Case
-from glucoloop.situations.option import Option
 from glucoloop.situations.run import ControlledSituation
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.component.effects import Need
 from glucoloop.component.request import Request
+from glucoloop.component.setting import CONTROLLER_PANEL, Option
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
-from glucoloop.situations.option import CONTROLLER_PANEL, Option
 from glucoloop.trials.trial import Trial
 
 _GUARD: Final = Need("controllers are tried without a guard alone")

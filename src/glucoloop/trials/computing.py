@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import glucoloop
 from glucoloop import arithmetic
-from glucoloop._extras import needed_for
 from glucoloop.component.setting import About, Default, declared_setting
-from glucoloop.refusal import Refusal
+from glucoloop.refusal import Refusal, needed_for
 from glucoloop.text import how_many, one_line
 from glucoloop.trials.folder import TrialFolder
 from glucoloop.trials.shard import Simulate, compute_shard

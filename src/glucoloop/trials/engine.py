@@ -20,7 +20,7 @@ from glucoloop.build.titration import with_profiles
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
 from glucoloop.meals import Scenario
-from glucoloop.meals.days import LivedDays
+from glucoloop.meals.habits import LivedDays
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal

@@ -31,7 +31,7 @@ class PeopleRows:
     drawn: Mapping[str, Floats]
     """(n,) drawn values of each parameter."""
     metrics: Mapping[str, npt.NDArray[Any]]
-    """(n,) values of each metric by its name in `metrics.catalogue`; NaN for people without a basal rate."""
+    """(n,) values of each metric by its name in `metrics.metric`; NaN for people without a basal rate."""
     yes_or_no: frozenset[str] = frozenset()
     """Metrics that are 0 or 1."""
     profile: Mapping[str, Floats] = field(default_factory=dict)

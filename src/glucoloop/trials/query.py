@@ -18,8 +18,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from glucoloop._extras import needed_for
-from glucoloop.refusal import Refusal
+from glucoloop.refusal import Refusal, needed_for
 from glucoloop.schema.values import checked
 from glucoloop.storage.files import stored_json
 from glucoloop.text import is_printable, one_line

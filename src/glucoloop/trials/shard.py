@@ -12,7 +12,7 @@ import polars as pl
 
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import TableBounds
-from glucoloop.storage.tables import parquet, read_parquet, refusing_damage
+from glucoloop.storage.results import parquet, read_parquet, refusing_damage
 from glucoloop.trials.people import PeopleRows, Shard
 from glucoloop.trials.statistics import glucose_edges, insulin_edges
 from glucoloop.trials.trial import Trial, profile_columns

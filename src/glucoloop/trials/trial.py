@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 from glucoloop.component.effects import INDIVIDUAL
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, completed, request_of
-from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MAX_DAYS, MAX_PEOPLE
+from glucoloop.component.setting import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
-from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.situations.run import FedSituation
 from glucoloop.situations.scenarios import DEFAULT_DAY
 from glucoloop.situations.situation import one_person_of
 from glucoloop.unit_guess import DURATION
-from glucoloop.units import MIN_PER_DAY, MIN_PER_WEEK
+from glucoloop.units import LARGEST_COUNTER, LONGEST_RUN_MIN, MAX_DAYS, MAX_PEOPLE, MIN_PER_DAY, MIN_PER_WEEK
 
 if TYPE_CHECKING:
     import numpy as np
@@ -207,8 +206,8 @@ class Trial(FedSituation):
 
     def with_cases(self, cases: tuple[Case | Request[Case], ...], **other: Any) -> Trial:
         """A trial of other cases, which have guards and models of their own, in the same situation."""
-        settings = {name: getattr(self, name) for name in Trial.settings()} | {"shard_people": self.people_a_shard}
-        return Trial(**{**settings, "controller": cases, "guard": None, "model": None, **other})
+        changes = {"shard_people": self.people_a_shard, "controller": cases, "guard": None, "model": None, **other}
+        return Trial.narrowed(self, **changes)
 
     @property
     def planned_meals(self) -> tuple[str, ...]:
@@ -231,8 +230,8 @@ class Trial(FedSituation):
 
     @property
     def products(self) -> str:
-        """Rounding of products in native code, see `glucoloop.native.targets.products`."""
-        from glucoloop.native.targets.products import FUSED, STRICT
+        """Rounding of products in native code, see `glucoloop.native.targets`."""
+        from glucoloop.native.targets import FUSED, STRICT
 
         return STRICT if self.arithmetic == "portable" else FUSED
 

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._extras import needed_for
+from glucoloop.refusal import needed_for
 
 Array = npt.NDArray[Any]
 

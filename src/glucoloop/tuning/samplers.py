@@ -14,12 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Final, Protocol
 
-from glucoloop._extras import needed_for
 from glucoloop.component.base import MadeComponent
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.ranges import Tuned
-from glucoloop.component.setting import About
-from glucoloop.limits import LARGEST_SEED
+from glucoloop.component.setting import About, Tuned
+from glucoloop.refusal import needed_for
+from glucoloop.units import LARGEST_SEED
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def _violation(trial: Any) -> Sequence[float]:
 class SamplerComponent(MadeComponent):
     """Declaration of a `Sampler`: its name, its settings, and the place of the function that makes it.
 
-    Its function is also given, if it has parameters of these names, ``space`` (a `component.ranges.Tuned` for each
+    Its function is also given, if it has parameters of these names, ``space`` (a `component.setting.Tuned` for each
     number), ``batch`` (the number of tunings in a round) and ``start`` (the tuning to be tried first, or None).
     """
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from glucoloop._lazy_jax import jax, np
 from glucoloop.component.setting import About
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, UsualDay, usual_day
 from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor
-from glucoloop.forecasts.usual_day import UsualDay, usual_day
 from glucoloop.units import MU_PER_U
 
 if TYPE_CHECKING:

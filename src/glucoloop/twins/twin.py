@@ -9,15 +9,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.forecasts.catalogue import METHODS
 from glucoloop.forecasts.grid import SAMPLE_MIN, GriddedRecord
-from glucoloop.forecasts.method import ForecastMethod, scaled
+from glucoloop.forecasts.method import METHODS, ForecastMethod, scaled
 from glucoloop.forecasts.scores import DAY, ForecastErrors, forecast_errors
 from glucoloop.patients.catalogue import patient_entry
-from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.population import Population
 from glucoloop.patients.table import PeopleTable
-from glucoloop.patients.variation import Variation
+from glucoloop.patients.variation import JointVariation, Variation
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many
 from glucoloop.twins.extended import working_mg_dl

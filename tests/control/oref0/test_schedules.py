@@ -12,7 +12,7 @@ from glucoloop.control.oref0.dose import determine_basal
 from glucoloop.control.oref0.inputs import insulin_curve
 from glucoloop.control.scheduled import scheduled
 from glucoloop.pumps import dose_limits
-from glucoloop.situations.profile_changes import OVERRIDES
+from glucoloop.situations.therapy_settings import OVERRIDES
 from glucoloop.situations.therapy_text import parse_change
 from glucoloop.therapy import TARGET, Profile, Schedule
 from oref0_package import answers_of, as_written, needs_oref0

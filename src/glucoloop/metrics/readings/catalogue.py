@@ -1,17 +1,24 @@
 """Every metric of a record once: the function that computes it, and its numbers with title, unit and definition.
 
-A number that a loop has too, by the same name, is described by `metrics.catalogue`; here it is over the readings of a
+A number that a loop has too, by the same name, is described by `metrics.metric`; here it is over the readings of a
 record, or all points of a course, while that of a loop is over its grid of one minute.
+
+References
+----------
+T. Battelino et al., "Continuous glucose monitoring and metrics for clinical trials: an international consensus
+statement", Lancet Diabetes Endocrinol. 11(1), 42-57, 2023: mean with standard deviation, or median with quartiles of
+people.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
-from glucoloop.metrics.catalogue import result_named
-from glucoloop.metrics.metric import Result
+import numpy as np
+
+from glucoloop.metrics.metric import Result, result_named
 from glucoloop.metrics.readings import distribution, episodes, excursions
 from glucoloop.metrics.readings.series import Readings
 
@@ -172,3 +179,41 @@ def numbers_of(readings: Readings) -> dict[str, float]:
         values = measure.of(readings)
         results.update({result.name: values[result.name] for result in measure.results})
     return results
+
+
+class PeopleSpread(NamedTuple):
+    """One number over people; NaN where nobody has it."""
+
+    people: int
+    """Number of people who have it."""
+    mean: float
+    sd: float
+    """Standard deviation with ``n - 1`` as its denominator; NaN for one person."""
+    least: float
+    p25: float
+    median: float
+    p75: float
+    greatest: float
+
+
+def _spread_of(values: Sequence[float]) -> PeopleSpread:
+    """Spread of a number; a person for whom it is not finite is left out.
+
+    Examples
+    --------
+    >>> _spread_of([1.0, 2.0, 3.0, float("nan")]).median
+    2.0
+    """
+    given = np.asarray(values, float)
+    given = given[np.isfinite(given)]
+    if not given.size:
+        return PeopleSpread(0, *[np.nan] * 7)
+    quartiles = map(float, np.percentile(given, [0, 25, 50, 75, 100]))
+    return PeopleSpread(
+        given.size, float(given.mean()), float(given.std(ddof=1)) if given.size > 1 else np.nan, *quartiles
+    )
+
+
+def over_people(numbers: Sequence[Mapping[str, float]]) -> dict[str, PeopleSpread]:
+    """Spread of each number over people; all have the same numbers."""
+    return {name: _spread_of([of[name] for of in numbers]) for name in numbers[0]}

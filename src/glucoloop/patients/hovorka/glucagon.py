@@ -12,15 +12,20 @@ has an unlimited store.
 
 References
 ----------
-McGill Diabetes Lab, "Artificial Pancreas Simulator", 2020: the class HovorkaPatient.
+McGill Diabetes Lab, "Artificial Pancreas Simulator", 2020: the class HovorkaPatient, and its patientOriginal for the
+constants.
 """
 
 from __future__ import annotations
 
+from typing import Final
+
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
+from glucoloop.patients.component import Constant
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN
 from glucoloop.patients.hovorka.equations import derivative as of_insulin
+from glucoloop.patients.hovorka.wilinska import CONSTANTS as OF_INSULIN
 from glucoloop.patients.hovorka.wilinska import WilinskaParameters
 from glucoloop.patients.protocol import Inputs
 from glucoloop.units import PG_ML_PER_UG_L
@@ -74,3 +79,15 @@ def derivative(p: GlucagonParameters, x: jax.Array, inputs: Inputs) -> jax.Array
 def without(x: jax.Array) -> jax.Array:
     """State ``(11, ...)`` from one without depots ``(9, ...)``, which are empty."""
     return jnp.concatenate([x, jnp.zeros_like(x[:2])])
+
+
+MCGILL: Final = "McGill Diabetes Lab 2020, Artificial Pancreas Simulator, patientOriginal"
+
+CONSTANTS: Final = (
+    *OF_INSULIN,
+    Constant("tau_N", 19.0, "min", "time to the maximum of glucagon absorption", MCGILL),
+    Constant("MCR_N", 0.012, "l/kg/min", "clearance of glucagon", MCGILL),
+    Constant("S_N", 0.0012, "ml/pg", "sensitivity of glucose production to glucagon", MCGILL),
+)
+
+MCGILL_2020: Final = GlucagonParameters(**{constant.name: constant.value for constant in CONSTANTS})

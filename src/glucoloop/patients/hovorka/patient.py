@@ -13,7 +13,7 @@ from glucoloop.component.routes import PUMP_OF_1999, SUBCUTANEOUS
 from glucoloop.component.setting import Default
 from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.patients.component import OperatingPoint, PatientComponent
-from glucoloop.patients.hovorka import equations, glucagon
+from glucoloop.patients.hovorka import equations, glucagon, hovorka2004, wilinska
 from glucoloop.patients.hovorka.equations import (
     GLUCOSE,
     INSULIN,
@@ -21,9 +21,11 @@ from glucoloop.patients.hovorka.equations import (
     MG_PER_MMOL,
     STATE_NAMES,
     HovorkaConstants,
+    glucose_without_insulin_mg_dl,
+    infusion_for,
+    rest_at,
+    rest_under,
 )
-from glucoloop.patients.hovorka.parameters import boiroux2017, hovorka2004, mcgill2020, wilinska2010
-from glucoloop.patients.hovorka.rest import glucose_without_insulin_mg_dl, infusion_for, rest_at, rest_under
 from glucoloop.patients.hovorka.varying import (
     MIN_OF_MEAN,
     Lognormal,
@@ -40,7 +42,7 @@ from glucoloop.patients.variation import TRUNCATION_SD, Distribution, Variation
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
-    from glucoloop.patients.joint import JointVariation
+    from glucoloop.patients.variation import JointVariation
 
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
@@ -222,7 +224,7 @@ class Hovorka2004(HovorkaPatient, name="hovorka-2004"):
     person_constants = hovorka2004.HOVORKA_2004
     nominal = nominal_values(hovorka2004.HOVORKA_2004)
     meanings = meanings(hovorka2004.CONSTANTS)
-    distributions = boiroux2017.DISTRIBUTIONS
+    distributions = hovorka2004.DISTRIBUTIONS
     within_sd = 1.0
 
 
@@ -237,10 +239,10 @@ class Wilinska2010(HovorkaPatient, name="wilinska-2010"):
         "wilinska2010": "ten constants that differ as in the virtual people of Wilinska et al. (2010)"
     }
     pulse_mU_min = 14.5
-    person_constants = wilinska2010.WILINSKA_2010
-    nominal = nominal_values(wilinska2010.WILINSKA_2010)
-    meanings = meanings(wilinska2010.CONSTANTS)
-    distributions = wilinska2010.DISTRIBUTIONS
+    person_constants = wilinska.WILINSKA_2010
+    nominal = nominal_values(wilinska.WILINSKA_2010)
+    meanings = meanings(wilinska.CONSTANTS)
+    distributions = wilinska.DISTRIBUTIONS
     within_sd = TRUNCATION_SD
 
 
@@ -256,10 +258,10 @@ class WilinskaGlucagon(HovorkaPatient, name="wilinska-2010-glucagon"):
     operating_points = Wilinska2010.operating_points
     populations: ClassVar = Wilinska2010.populations
     pulse_mU_min = Wilinska2010.pulse_mU_min
-    person_constants = mcgill2020.MCGILL_2020
-    nominal = nominal_values(mcgill2020.MCGILL_2020)
-    meanings = meanings(mcgill2020.CONSTANTS)
-    distributions = wilinska2010.DISTRIBUTIONS
+    person_constants = glucagon.MCGILL_2020
+    nominal = nominal_values(glucagon.MCGILL_2020)
+    meanings = meanings(glucagon.CONSTANTS)
+    distributions = wilinska.DISTRIBUTIONS
     within_sd = Wilinska2010.within_sd
     rest: ClassVar[Rest] = dataclasses.replace(
         HovorkaPatient.rest, under=lambda p, insulin_mU_min: glucagon.without(rest_under(p, insulin_mU_min))

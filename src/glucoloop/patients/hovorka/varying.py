@@ -10,8 +10,8 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple, TypeVar
 
+from glucoloop.patients.component import Constant
 from glucoloop.patients.hovorka.equations import HovorkaConstants
-from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import Distribution, refuse_not_positive
 from glucoloop.refusal import Refusal
 

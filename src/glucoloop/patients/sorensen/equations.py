@@ -56,7 +56,7 @@ class SorensenParameters:
 
     Units: glucose volumes dl, flows dl/min, rates mg/min; insulin volumes l, flows l/min; glucagon pg/ml, its volume l;
     times min.
-    `glucoloop.patients.sorensen.parameters` holds published sets with the provenance of every value.
+    `glucoloop.patients.sorensen.parker1999` holds the published set with the provenance of every value.
     """
 
     # glucose transport

@@ -23,16 +23,17 @@ from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest
 from glucoloop.patients.sorensen import equations as sorensen
 from glucoloop.patients.sorensen.equations import INSULIN, STATE_NAMES, SorensenParameters
-from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
-from glucoloop.patients.sorensen.parameters.parker2000 import LARGEST_VARIATION_PCT, UNCERTAIN
+from glucoloop.patients.sorensen.parker1999 import PARKER_1999
 from glucoloop.patients.sorensen.rest import infusion_for, insulin_at_rest, rest_at, rest_under
 from glucoloop.patients.sorensen.varying import (
     ADULTS,
     FOLLOWS,
+    LARGEST_VARIATION_PCT,
     MEANINGS,
     NOMINAL,
     REFERENCE_WEIGHT_KG,
     STRENGTH,
+    UNCERTAIN,
     WEIGHT,
     refuse_impossible,
     with_fasting_glucose,
@@ -41,7 +42,7 @@ from glucoloop.patients.sorensen.varying import (
 from glucoloop.patients.variation import Distribution, Variation
 
 if TYPE_CHECKING:
-    from glucoloop.patients.joint import JointVariation
+    from glucoloop.patients.variation import JointVariation
 
 _WORKING_INSULIN: Final = 1.35
 """Insulin of the working state in basal rates, between rest and the delivery while a meal is absorbed."""

@@ -24,6 +24,13 @@ The balance of the liver is then satisfied, because basal production less basal 
 what the other organs take up, 70 + 10 + 20 + 35 mg/min. So arterial glucose is the only free concentration, and all
 others move with it by the same amount. No split of the shift between organs is left open.
 
+Parker, Doyle, Ward and Peppas (2000) characterise the uncertainty of the patient by a variation of up to 40 % in eight
+parameters: two fractions of insulin clearance, and scale and inflection of three effects of insulin on glucose. Effects
+are written there as ``E (A - B tanh(C (x - D)))``. The scale E multiplies the whole effect, here ``strength``; were B
+alone varied, uptake would turn negative. The inflection is D. The printed inflection of the effect on hepatic uptake is
+0, of which 40 % is nothing; here it is moved by up to 0.4 of the healthy basal concentration, by which these effects
+are normalised. That is a reading, as is the uniform distribution: the abstract gives bounds only.
+
 References
 ----------
 J. T. Sorensen, "A physiologic model of glucose metabolism in man and its use to design and assess improved insulin
@@ -35,11 +42,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from glucoloop._lazy_jax import jax
 from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
-from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
+from glucoloop.patients.sorensen.parker1999 import CONSTANTS, PARKER_1999
 from glucoloop.patients.variation import Distribution, Variation
 from glucoloop.refusal import Refusal
 
@@ -192,3 +199,33 @@ def with_values(values: Mapping[str, Any]) -> SorensenParameters:
             constants[flow] = artery + gut
     p = dataclasses.replace(PARKER_1999, **constants)
     return scaled_to_weight(p, values[WEIGHT]) if WEIGHT in values else p
+
+
+SOURCE: Final = "Parker, Doyle, Ward, Peppas 2000, AIChE J. 46(12)"
+LARGEST_VARIATION_PCT: Final = 40.0
+
+
+class _Uncertain(NamedTuple):
+    """A parameter that the paper varies."""
+
+    parameter: str
+    """A constant of the patient, or ``strength``, the factor on a whole effect."""
+    half_width: float | None
+    """Largest change in the unit of the parameter, or None for 40 % of its nominal value."""
+    meaning: str
+    source: str
+
+
+# fmt: off
+# ruff: noqa: E501 (a table reads best with one value on each line)
+UNCERTAIN: Final = (
+    _Uncertain("F_LC", None, "fraction of insulin cleared by the liver", SOURCE),
+    _Uncertain("F_PC", None, "fraction of insulin cleared by the periphery", SOURCE),
+    _Uncertain("M_IHGP.strength", None, "insulin on hepatic production: scale E of the whole effect", SOURCE),
+    _Uncertain("M_IHGP.inflection", None, "insulin on hepatic production: inflection D", SOURCE),
+    _Uncertain("M_IHGU.strength", None, "insulin on hepatic uptake: scale E of the whole effect", SOURCE),
+    _Uncertain("M_IHGU.inflection", 0.4, "insulin on hepatic uptake: inflection D; printed as 0, moved by 0.4 of the healthy basal concentration", f"reading of {SOURCE}"),
+    _Uncertain("M_IPGU.strength", None, "insulin on peripheral uptake: scale E of the whole effect", SOURCE),
+    _Uncertain("M_IPGU.inflection", None, "insulin on peripheral uptake: inflection D", SOURCE),
+)
+# fmt: on

@@ -8,10 +8,10 @@ from typing import Annotated, ClassVar, Final, Literal
 from glucoloop.component.base import Component
 from glucoloop.component.effects import EVERYTHING, Need
 from glucoloop.component.request import Request
-from glucoloop.limits import LARGEST_SEED
+from glucoloop.component.setting import Option
 from glucoloop.situations.case import Case
-from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
+from glucoloop.units import LARGEST_SEED
 
 POINTS: Final = ("setpoint-81", "nominal-22", "fasting-81")
 PAPER_CONTROLLERS: Final = {

@@ -1,5 +1,5 @@
-from .display import Display as Display
 from .model import ErrorModel as ErrorModel
+from .monitor import Display as Display
 from .monitor import Monitor as Monitor
 from .published import Breton2008 as Breton2008
 from .published import DexcomG5 as DexcomG5

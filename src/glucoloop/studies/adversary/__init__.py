@@ -11,12 +11,12 @@ from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.effects import READINGS, Need
 from glucoloop.component.request import Request
-from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
+from glucoloop.component.setting import Option
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case, cases_of
-from glucoloop.situations.option import Option
 from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial, Guards
 from glucoloop.studies.study import SearchStudy
+from glucoloop.units import LARGEST_COUNTER, LARGEST_SEED
 
 _STUCK: Final = Need("no reading is stuck, for --stuck-times is 0")
 _errors = functools.partial(Option, panel="Errors")

@@ -6,11 +6,11 @@ import functools
 from typing import Annotated, ClassVar, Final, Literal
 
 from glucoloop.component.effects import Need
-from glucoloop.limits import LONGEST_RUN_MIN
+from glucoloop.component.setting import Option
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import Option
 from glucoloop.situations.run import Run
 from glucoloop.studies.study import PlainStudy
+from glucoloop.units import LONGEST_RUN_MIN
 
 _LONGEST_MIN: Final = 7200.0
 _MAX_KNOWN: Final = 20

@@ -36,7 +36,6 @@ from glucoloop.studies.days import SCENARIO, TRIAL, DaysRequest
 from glucoloop.studies.days.habits import (
     Gaps,
     Habits,
-    Occasion,
     WeekendDifference,
     filled,
     habits_of,
@@ -156,12 +155,11 @@ def _plain(habits: Habits) -> dict[str, Any]:
     named = {
         name: value._asdict() for name, value in vars(habits).items() if isinstance(value, WeekendDifference | Gaps)
     }
-    occasions = {name: [_occasion(one) for one in getattr(habits, name)] for name in ("entered", "not_entered")}
+    occasions = {
+        name: [{**one._asdict(), "per_day": one.per_day} for one in getattr(habits, name)]
+        for name in ("entered", "not_entered")
+    }
     return {**vars(habits), **named, **occasions}
-
-
-def _occasion(occasion: Occasion) -> dict[str, Any]:
-    return {**occasion._asdict(), "per_day": occasion.per_day}
 
 
 def _percentile(values: Values, percentage: float) -> float:

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
 from glucoloop.component.request import Request, by_default, completed, request_of
+from glucoloop.component.setting import PATIENT_PANEL, Option
 from glucoloop.control.catalogue import CONTROLLERS, ESTIMATING
 from glucoloop.control.part import ControllerComponent
 from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorComponent
-from glucoloop.limits import MAX_DAYS
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SensorComponent, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
-from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
 from glucoloop.trials.trial import Trial
+from glucoloop.units import MAX_DAYS
 
 if TYPE_CHECKING:
     from glucoloop.meals.plan import MealPlan

@@ -5,10 +5,9 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final
 
-from glucoloop.forecasts.catalogue import METHODS
-from glucoloop.forecasts.method import ForecastMethod
+from glucoloop.component.setting import Option
+from glucoloop.forecasts.method import METHODS, ForecastMethod
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import Option
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.studies.study import PlainStudy
 

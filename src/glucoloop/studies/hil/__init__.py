@@ -6,8 +6,8 @@ import functools
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 from glucoloop.component.effects import CHANCE, Need
+from glucoloop.component.setting import Option
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import Option
 from glucoloop.situations.run import Run
 from glucoloop.studies.exported import Form, Precision
 from glucoloop.studies.study import PlainStudy

@@ -9,10 +9,9 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, completed, request_of
-from glucoloop.component.setting import About
+from glucoloop.component.setting import About, Option
 from glucoloop.models.settings import LAGUERRE_FUNCTIONS, LAGUERRE_POLE, MEMORY
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import Option
 from glucoloop.situations.situation import Situation, alone_at_rest, one_person_of
 from glucoloop.studies.study import PlainStudy
 from glucoloop.unit_guess import INSULIN_RATE, RATE_CHANGE

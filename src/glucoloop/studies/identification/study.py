@@ -38,11 +38,10 @@ from glucoloop.reporting.print_figure import figure_files
 from glucoloop.sensors import Sensor
 from glucoloop.simulation import excite
 from glucoloop.situations.toml import toml_text
-from glucoloop.storage import tables as stored
+from glucoloop.storage import results
 from glucoloop.storage.files import read_text
 from glucoloop.storage.model_file import ModelFile, model_file
-from glucoloop.storage.results import Results
-from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
+from glucoloop.storage.results import RECORD_COLUMNS, Results, read_record_columns
 from glucoloop.studies.closed_loop import smoothing_of, source_of
 from glucoloop.studies.identification import ModelRequest
 from glucoloop.text import printable
@@ -313,7 +312,7 @@ def results_of(config: ModelRequest, progress: Callable[[str], None]) -> Results
     identified = _from_patient(config) if config.data is None else _from_data(config, Path(config.data))
     progress("the model")
     plain = {**_plain(identified), "notes": [*identified.notes, *_warning(identified)]}
-    return Results(plain, {"record.csv": stored.record_table(identified.record)}, identified)
+    return Results(plain, {"record.csv": results.record_table(identified.record)}, identified)
 
 
 def _plain(identified: _Identified) -> dict[str, Any]:

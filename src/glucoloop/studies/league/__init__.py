@@ -14,19 +14,20 @@ from glucoloop.component.base import Component
 from glucoloop.component.effects import EVERYTHING, Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.request import Request, request_of
+from glucoloop.component.setting import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.limits import LARGEST_SEED
 from glucoloop.meals.rescue import RESCUES, RescueComponent
-from glucoloop.metrics.catalogue import METRICS
+from glucoloop.metrics.metric import METRICS
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS, SensorComponent
 from glucoloop.situations.case import Case, cases_of, label_of
-from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
-from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent, WrongProfile
-from glucoloop.situations.situation import Glucagon, ProfileBy
+from glucoloop.situations.scenarios import SCENARIOS, ScenarioComponent
+from glucoloop.situations.situation import Glucagon
+from glucoloop.situations.therapy_settings import ProfileBy, WrongProfile
 from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
+from glucoloop.units import LARGEST_SEED
 
 MAX_PEOPLE: Final = 10_000
 MAX_BEST: Final = 1000
@@ -146,10 +147,8 @@ class League(Component):
         rescue = self.rescue if subcutaneous or "rescue" in self.explicit else None
         titrated = {"profile_by": self.profile_by} if subcutaneous else {}
         metrics = {} if rescue is None else {"metrics": (METRICS.choose("rescues"),)}
-        return {**titrated, **metrics, "rescue": rescue, **self._of_all()}
-
-    def _of_all(self) -> dict[str, Any]:
-        return {"glucagon": self.glucagon, "profile_error": self.profile_error, "seed": self.seed}
+        of_all = {"glucagon": self.glucagon, "profile_error": self.profile_error, "seed": self.seed}
+        return {**titrated, **metrics, "rescue": rescue, **of_all}
 
     def uses(self) -> frozenset[Need]:
         """Everything: what one controller or scenario has no use for, another one has."""

@@ -8,8 +8,8 @@ from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
 from glucoloop.component.base import Component
 from glucoloop.component.grammar import Tree
+from glucoloop.component.setting import Option
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
 from glucoloop.text import how_many, is_printable
 

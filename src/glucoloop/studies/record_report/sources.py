@@ -14,7 +14,7 @@ from glucoloop.records import DeviceRecord, FileRefusal, read_people
 from glucoloop.records.reading import files_of_people
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds
-from glucoloop.storage.tables import read_parquet, refusing_damage
+from glucoloop.storage.results import read_parquet, refusing_damage
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.text import how_many, printable
 from glucoloop.units import MIN_PER_DAY
@@ -71,7 +71,7 @@ def sources_of(config: RecordRequest) -> list[RecordSource]:
         group = label or ("People" if len(config.files) == 1 else f"Group {place + 1}")
         begin = "" if len(config.files) == 1 and not config.labels else f"{group}: "
         for number, paths in enumerate(people, 1):
-            own = printable(_name_of(path, paths[0])) if config.file_names else f"person {number}"
+            own = printable(paths[0].relative_to(path).parts[0]) if config.file_names else f"person {number}"
             results.append(
                 RecordSource(f"{begin}{own}" if begin or config.file_names else f"Person {number}", group, paths)
             )
@@ -98,11 +98,6 @@ def _people_of(folder: Path) -> list[tuple[Path, ...]]:
             "`trial --traces`"
         )
     return people
-
-
-def _name_of(folder: Path, path: Path) -> str:
-    """Name of the file or folder of a person within a folder of people."""
-    return path.relative_to(folder).parts[0]
 
 
 def read(source: RecordSource, config: RecordRequest) -> Iterator[NamedReadings]:

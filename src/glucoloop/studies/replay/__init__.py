@@ -9,13 +9,13 @@ from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import ANNOUNCEMENTS, MEALS_ANNOUNCED, Need
 from glucoloop.component.request import Request, requested
+from glucoloop.component.setting import Option
 from glucoloop.forecasts.grid import SAMPLE_MIN
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.component import PatientComponent
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.case import Case
-from glucoloop.situations.option import Option
 from glucoloop.situations.run import ControlledSituation
 from glucoloop.situations.therapy_text import BolusShift, changes_option, read_change
 from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy

@@ -42,7 +42,7 @@ class CalculatorNumbers:
     target_mg_dl: float
 
 
-class ChangedDoses(NamedTuple):
+class _ChangedDoses(NamedTuple):
     """Record with other doses, and what was changed in it."""
 
     record: GriddedRecord
@@ -66,14 +66,14 @@ class _Bolus:
         return SAMPLE_MIN * self.begin % MIN_PER_DAY
 
 
-def changed_doses(record: GriddedRecord, change: Change, numbers: CalculatorNumbers) -> ChangedDoses:
+def changed_doses(record: GriddedRecord, change: Change, numbers: CalculatorNumbers) -> _ChangedDoses:
     """Doses of a record under a change, by a calculator with the given numbers."""
     if isinstance(change, TherapyChange) and change.field == "basal_mU_min":
         inside = np.array([change.holds(SAMPLE_MIN * sample) for sample in record.clock.tolist()])
         value_U = None if change.value is None else change.value * SAMPLE_MIN / MU_PER_U
         basal = np.where(inside, record.basal_U * change.factor if value_U is None else value_U, record.basal_U)
         automation = ", with that of automation" if record.automated else ""
-        return ChangedDoses(
+        return _ChangedDoses(
             dataclasses.replace(record, basal_U=basal),
             f"basal insulin is {basal.sum() / record.days:.1f} U a day instead of "
             f"{record.basal_U.sum() / record.days:.1f} U{automation}.",
@@ -87,7 +87,7 @@ def changed_doses(record: GriddedRecord, change: Change, numbers: CalculatorNumb
         dose_U = float(result[samples].sum())
         result[samples] *= max(dose_U + more_U, 0.0) / dose_U
         changed += more_U != 0.0
-    return ChangedDoses(dataclasses.replace(record, user_bolus_U=result), _note(record, boluses, changed, result))
+    return _ChangedDoses(dataclasses.replace(record, user_bolus_U=result), _note(record, boluses, changed, result))
 
 
 def _boluses(record: GriddedRecord) -> Iterator[_Bolus]:
@@ -122,7 +122,7 @@ def _difference_U(bolus: _Bolus, change: TherapyChange | CarbCount, numbers: Cal
     return (bolus.reading_mg_dl - numbers.target_mg_dl) * (1.0 / new - 1.0 / own)
 
 
-def _moved(record: GriddedRecord, boluses: list[_Bolus], change: BolusShift) -> ChangedDoses:
+def _moved(record: GriddedRecord, boluses: list[_Bolus], change: BolusShift) -> _ChangedDoses:
     """Boluses with carbohydrate at another time, but within the record."""
     result, moved = record.user_bolus_U.copy(), 0
     samples = round(change.earlier_min / SAMPLE_MIN)
@@ -133,7 +133,7 @@ def _moved(record: GriddedRecord, boluses: list[_Bolus], change: BolusShift) -> 
         places = np.clip(np.arange(bolus.begin, bolus.end) - samples, 0, result.size - 1)
         np.add.at(result, places, record.user_bolus_U[bolus.begin : bolus.end])
         moved += 1
-    return ChangedDoses(
+    return _ChangedDoses(
         dataclasses.replace(record, user_bolus_U=result),
         f"{how_many(moved, 'bolus', 'boluses')} with carbohydrate moved.",
     )

@@ -147,8 +147,7 @@ def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Result
 def _replayed(
     config: ReplayRequest, twin: StoredTwin, record: GriddedRecord, progress: Callable[[str], None]
 ) -> _Replayed:
-    settings = {name: getattr(config, name) for name in Situation.settings()}
-    situation = Situation(**{**settings, "start": f"{record.first:%H:%M}"})
+    situation = Situation.narrowed(config, start=f"{record.first:%H:%M}")
     everybody = list(replay_people(twin, config.draws, config.seed))
     number = how_many(len(everybody), "person", "people")
     persons = explained_people(everybody, record, twin.mean_mg_dl, lambda at: progress(f"{at} of {number} explained"))

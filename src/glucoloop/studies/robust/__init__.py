@@ -9,21 +9,18 @@ from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.effects import Need
 from glucoloop.component.grammar import Tree
-from glucoloop.component.ranges import Tuned, parse_range
 from glucoloop.component.request import Request, by_default
-from glucoloop.component.setting import About
+from glucoloop.component.setting import About, Option, Tuned, parse_range
 from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
-from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SensorComponent, WhiteNoise
 from glucoloop.situations.case import RANGES as RANGES_KEY
 from glucoloop.situations.case import Case, cases_of, ranges_parted, with_ranges
-from glucoloop.situations.option import Option
 from glucoloop.studies.guarded import PAPER_MEAL
 from glucoloop.studies.study import SearchStudy
 from glucoloop.trials.trial import Trial
 from glucoloop.tuning.samplers import SAMPLERS, SamplerComponent
-from glucoloop.units import number_of
+from glucoloop.units import LARGEST_COUNTER, LARGEST_SEED, number_of
 
 BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""

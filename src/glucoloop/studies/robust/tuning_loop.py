@@ -20,7 +20,7 @@ from glucoloop.build.designs import design_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.build.titration import profile_of, with_profiles
-from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import Tuned
 from glucoloop.control import Controller
 from glucoloop.patients import Patient
 from glucoloop.patients.population import of_people, virtual_people

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final, NamedTuple
 
+from glucoloop.component.setting import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
-from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.run import Run
 from glucoloop.situations.therapy_text import changes_option
 from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
@@ -14,7 +14,7 @@ from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
 _FEWEST: Final = 2
 
 
-class ChangedCase(NamedTuple):
+class _ChangedCase(NamedTuple):
     """A case under a change of the therapy."""
 
     case: Case
@@ -58,11 +58,11 @@ class Comparison(Run):
             self.with_changes((text,))  # refuses what is not possible
 
     @property
-    def changed_cases(self) -> tuple[ChangedCase, ...]:
+    def changed_cases(self) -> tuple[_ChangedCase, ...]:
         """Each case under each change that has an effect on it."""
         alone = len(self.cases) == 1
         return tuple(
-            ChangedCase(case, text, text if alone else f"{case.label}: {text}")
+            _ChangedCase(case, text, text if alone else f"{case.label}: {text}")
             for text in self.changes
             for case in self.cases
             if not self.without_effect(text, case)

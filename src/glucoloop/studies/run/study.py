@@ -25,7 +25,7 @@ from glucoloop.reporting.print_figure import figure_files
 from glucoloop.simulation import Trace
 from glucoloop.situations.run import Run
 from glucoloop.situations.therapy_text import NUMBERS, read_change
-from glucoloop.storage import tables as stored
+from glucoloop.storage import results
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.studies.closed_loop import Outcome, close_the_loop
@@ -153,15 +153,15 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
         *_notes_on_bound(config, loops),
     ]
     samples, minutes = (
-        stored.stacked({label: table(outcome.trace) for label, outcome in outcomes.items()})
-        for table in (Trace.to_polars, stored.minute_table)
+        results.stacked({label: table(outcome.trace) for label, outcome in outcomes.items()})
+        for table in (Trace.to_polars, results.minute_table)
     )
     return Results(plain, {**_tables(samples, minutes), **_forecasts(outcomes)}, loops)
 
 
 def results_of_loop(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Results:
     """Results of one loop."""
-    tables = _tables(outcome.trace.to_polars(), stored.minute_table(outcome.trace))
+    tables = _tables(outcome.trace.to_polars(), results.minute_table(outcome.trace))
     if outcome.trace.forecast is not None:
         tables |= _as_files("forecasts", outcome.trace.forecasts_to_polars())
     return Results(

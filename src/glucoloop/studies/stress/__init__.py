@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.request import Request, by_default
+from glucoloop.component.setting import SENSOR_PANEL, Option
 from glucoloop.faults import FAULTS, FaultComponent
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SensorComponent, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
-from glucoloop.situations.option import SENSOR_PANEL, Option
 from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial
 from glucoloop.studies.study import TrialStudy
 

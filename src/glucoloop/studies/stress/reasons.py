@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from glucoloop.control import Status
-from glucoloop.reporting.periods import period_text
+from glucoloop.reporting.labelled_traces import period_text
 from glucoloop.text import glucose_text, how_many
 from glucoloop.trials.engine import PreparedTrial, alone
 

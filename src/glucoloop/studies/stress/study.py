@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 
 from glucoloop.faults import FAULTS
-from glucoloop.metrics.catalogue import METRICS
+from glucoloop.metrics.metric import METRICS
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import (
     Column,

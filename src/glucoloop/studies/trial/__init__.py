@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from glucoloop.component.effects import OTHERS_TO_COMPARE, Need
+from glucoloop.component.setting import RUN_PANEL, Option
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import RUN_PANEL, Option
 from glucoloop.studies.study import COMPONENTS_HELP, TrialStudy
 from glucoloop.trials.trial import Trial
 
@@ -52,7 +52,7 @@ class TrialRequest(Trial):
     @property
     def margins(self) -> Mapping[str, float]:
         """Margins by the names of the metrics."""
-        from glucoloop.metrics.catalogue import result_named
+        from glucoloop.metrics.metric import result_named
 
         pairs = map(_margin, self.margin)
         return {result_named(name, self.further_metrics).name: value for name, value in pairs}
@@ -60,8 +60,7 @@ class TrialRequest(Trial):
     @property
     def trial(self) -> Trial:
         """The trial alone, on which everything in its folder depends."""
-        settings: dict[str, Any] = {name: getattr(self, name) for name in Trial.settings()}
-        return Trial(**settings)
+        return Trial.narrowed(self)
 
 
 TRIAL: Final = TrialStudy(

@@ -12,13 +12,12 @@ import numpy as np
 from glucoloop.display_units import OTHERS, other_value, shown_unit
 from glucoloop.faults import FAULTS
 from glucoloop.metrics import control_variability as cvga
-from glucoloop.metrics.catalogue import result_named
+from glucoloop.metrics.metric import result_named
 from glucoloop.reporting._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.reporting.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent, thinned
 from glucoloop.reporting.columns import MetricRow
-from glucoloop.reporting.labelled_traces import exercise_in_words
+from glucoloop.reporting.labelled_traces import concentrations, exercise_in_words
 from glucoloop.reporting.page import glucose_panel, mark_faults
-from glucoloop.reporting.periods import concentrations
 from glucoloop.reporting.template import render
 from glucoloop.studies.trial.report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.text import NOT_AVAILABLE, percent

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from glucoloop.display_units import OTHERS, in_shown_units, other_value
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
-from glucoloop.metrics.catalogue import result_named
+from glucoloop.metrics.metric import result_named
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.reporting.columns import MetricRow
 from glucoloop.reporting.template import Repeat

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.metrics.catalogue import result_named
 from glucoloop.metrics.control_variability import zone_pct
+from glucoloop.metrics.metric import result_named
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.reporting.descriptions import (

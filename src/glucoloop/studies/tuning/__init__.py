@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.grammar import Tree
-from glucoloop.component.setting import About
+from glucoloop.component.setting import About, Option
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import RANGES, ranges_parted, with_ranges
-from glucoloop.situations.option import Option
 from glucoloop.situations.run import Run
 from glucoloop.studies.study import PlainStudy
 

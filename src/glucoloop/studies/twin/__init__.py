@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.base import Component
 from glucoloop.component.grammar import Tree
+from glucoloop.component.setting import PATIENT_PANEL, Option
 from glucoloop.patients.catalogue import patient_entry
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
 
 _record = functools.partial(Option, panel="Record")

@@ -9,13 +9,13 @@ import shlex
 from typing import Annotated, ClassVar, Final, Literal
 
 from glucoloop.component.base import Component
+from glucoloop.component.setting import Option
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
-from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS
 from glucoloop.refusal import Refusal
-from glucoloop.situations.option import Option
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.studies.study import SearchStudy
+from glucoloop.units import LARGEST_COUNTER, LARGEST_SEED
 
 _DEFAULT_LOOPS: Final = 100_000
 _SLOW_SHARE: Final = 0.05

@@ -34,7 +34,6 @@ from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, Episodes, FaultComponent
-from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.metrics.promises import PROMISES, Caps, Promises
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, PATIENTS, patient_entry
@@ -54,7 +53,7 @@ from glucoloop.threefry import uniforms
 from glucoloop.trials.engine import loop_of
 from glucoloop.trials.people import block_size, in_blocks
 from glucoloop.trials.trial import Trial
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import LARGEST_COUNTER, MIN_PER_DAY
 
 Floats = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]

@@ -17,7 +17,7 @@ from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.reporting.descriptions import engine_notes
-from glucoloop.reporting.periods import moment_text
+from glucoloop.reporting.labelled_traces import moment_text
 from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.case import cases_of
 from glucoloop.situations.run import ControlledSituation, intravenous_boluses

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from glucoloop.native.interpreter import interpret
+from glucoloop.native.targets import STRICT
 from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.c.source import COMPACT, UNROLLED, trace, write_source
 from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.targets.products import STRICT
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
 

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.native.targets import wasm
 from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.source import trace, write_source
-from glucoloop.native.targets.wasm import module as wasm
 
 NODE = shutil.which("node")
 PEOPLE, SAMPLES = 5, 4

@@ -11,9 +11,8 @@ import pytest
 
 from glucoloop.native.interpreter import interpret
 from glucoloop.native.lower import lower
+from glucoloop.native.targets import STRICT, wasm
 from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.targets.products import STRICT
-from glucoloop.native.targets.wasm import module as wasm
 
 NODE = shutil.which("node")
 PEOPLE, SAMPLES = 7, 5

@@ -13,6 +13,7 @@ from typing import Final
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Program, Value
+from glucoloop.native.targets import FUSED
 from glucoloop.native.targets.llvm.chunks import (
     FITS_THE_CACHE,
     LONG,
@@ -24,7 +25,6 @@ from glucoloop.native.targets.llvm.chunks import (
 )
 from glucoloop.native.targets.llvm.rows import MatrixRows, find_rows
 from glucoloop.native.targets.llvm.vectors import VectorCode
-from glucoloop.native.targets.products import FUSED
 
 _VECTORS_A_BLOCK: Final = 4
 """Number of vectors that go through a chunk of a longer program while its instructions are in the cache."""

@@ -15,8 +15,8 @@ from glucoloop._disk_cache import kept
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import SAMPLE
+from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.emit import Emitter
-from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.refusal import Refusal
 
 Array = npt.NDArray[Any]
@@ -139,7 +139,7 @@ class Kernel:
 
 
 def compile_kernel(lowered: Lowered, *, products: str = FUSED, vectors: int = 1) -> Kernel:
-    """Compile a lowered function for this processor, with products fused or strict (see `targets.products`).
+    """Compile a lowered function for this processor, with products fused or strict (see `targets`).
 
     Each operation is carried out on so many `vectors` at once; see `vectors_at_once`.
     """

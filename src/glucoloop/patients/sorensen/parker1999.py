@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from glucoloop.patients.provenance import Constant
+from glucoloop.patients.component import Constant
 from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
 
 SORENSEN: Final = "Sorensen 1985, Sc.D. thesis, MIT"

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.control import Decision
-from glucoloop.control.timing import Arrival, Stamp, holding, receive, received
-from glucoloop.control.wire import observation
+from glucoloop.control.real_time import Arrival, Stamp, holding, observation, receive, received
 
 ANY = st.one_of(st.floats(), st.integers(-(10**400), 10**400), st.none(), st.text(max_size=3), st.booleans())
 

@@ -1,24 +1,26 @@
-"""Profiles that are not as they seem: errors of the profile that controllers have, and overrides of it in some hours.
+"""Therapy of a situation: profile, targets, overrides in some hours, and errors of the profile that controllers have.
 
 A profile that a clinician sets is wrong in ratio and factor by a fifth or so, and by more after a typing error or in
 another year of life. Controllers have the wrong profile; the person rests under the true basal rate.
 
-An override of p percent multiplies the basal rate by p / 100 and divides carbohydrate ratio and correction factor by
-it, as overrides of Loop and profile switches of AndroidAPS do. Hours are those of every day of a run.
+An override is of a target or of the need of insulin, as for sport or illness. One of p percent multiplies the basal
+rate by p / 100 and divides carbohydrate ratio and correction factor by it, as overrides of Loop and profile switches of
+AndroidAPS do. Hours are those of every day of a run.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop._lazy_jax import np, npt, scipy
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import PROFILE
-from glucoloop.component.setting import About
+from glucoloop.component.setting import PATIENT_PANEL, About, Option
 from glucoloop.refusal import Refusal
+from glucoloop.situations.therapy_text import profile_texts, target_texts
 from glucoloop.therapy import TARGET, Profile, TherapyChange
 from glucoloop.threefry import uniforms
 from glucoloop.unit_guess import SETPOINT
@@ -93,9 +95,9 @@ class IllnessOverride(OverrideComponent, name="illness"):
 OVERRIDES: Final = Catalogue(
     OverrideComponent,
     {
-        "override": "glucoloop.situations.profile_changes:Override",
-        "exercise": "glucoloop.situations.profile_changes:ExerciseOverride",
-        "illness": "glucoloop.situations.profile_changes:IllnessOverride",
+        "override": "glucoloop.situations.therapy_settings:Override",
+        "exercise": "glucoloop.situations.therapy_settings:ExerciseOverride",
+        "illness": "glucoloop.situations.therapy_settings:IllnessOverride",
     },
     example="exercise, from=17h, to=19h",
     unnamed=True,
@@ -156,7 +158,57 @@ class ProfileError(ProfileErrorComponent, name="wrong"):
 
 PROFILE_ERRORS: Final = Catalogue(
     ProfileErrorComponent,
-    {"wrong": "glucoloop.situations.profile_changes:ProfileError"},
+    {"wrong": "glucoloop.situations.therapy_settings:ProfileError"},
     example="wrong, spread=20%",
     unnamed=True,
 )
+
+_patient = functools.partial(Option, panel=PATIENT_PANEL)
+ProfileBy = Annotated[
+    Literal["table", "titration"],
+    _patient(
+        "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
+        "titrated on each person, see the guide to populations.",
+        rare=True,
+        needs=(PROFILE,),
+    ),
+]
+TherapyProfile = Annotated[
+    tuple[str, ...],
+    _patient(
+        "Therapy by the time of day: a file like profile.toml or Nightscout's profile.json, or 'basal, 0.9, 0h-6h'; "
+        "repeat it for more. What it leaves out is the person's own.",
+        flag="--profile",
+        metavar="FILE|TEXT",
+        rare=True,
+        needs=(PROFILE,),
+        reads=profile_texts,
+    ),
+]
+Targets = Annotated[
+    tuple[str, ...],
+    _patient(
+        "Target in some hours of each day, like 110@22h until midnight or 120@22h-6h; repeat it for more.",
+        flag="--target-at",
+        metavar="MG/DL@HOURS",
+        rare=True,
+        reads=target_texts,
+    ),
+]
+Overrides = Annotated[
+    tuple[OverrideComponent, ...],
+    _patient(
+        "Hours of each day with another target or need of insulin, like 'exercise, from=17h, to=19h, target=150, "
+        "insulin=70%' or 'illness'; repeat it for more.",
+        flag="--override",
+        rare=True,
+    ),
+]
+WrongProfile = Annotated[
+    ProfileErrorComponent | None,
+    _patient(
+        "Error of the profiles that controllers have, like 'ratio_pct=50' or 'spread_pct=20'; right by default.",
+        flag="--profile-error",
+        rare=True,
+    ),
+]

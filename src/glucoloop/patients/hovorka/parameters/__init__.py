@@ -1,1 +1,0 @@
-"""Published constants of the Hovorka model, one set per file."""

@@ -1,1 +1,0 @@
-"""Published parameter sets, one file each; every value with its unit and its place in print."""
