@@ -176,7 +176,7 @@ def _tables(samples: pl.DataFrame, minutes: pl.DataFrame) -> dict[str, pl.DataFr
 def _forecasts(outcomes: Mapping[str, Outcome]) -> dict[str, pl.DataFrame]:
     """Forecasts of the cases that have any."""
     tables = {label: of.trace.forecasts_to_polars() for label, of in outcomes.items() if of.trace.forecast is not None}
-    return _as_files("forecasts", stacked(tables)) if tables else {}
+    return _as_files("forecasts", results.stacked(tables)) if tables else {}
 
 
 def _as_files(name: str, table: pl.DataFrame) -> dict[str, pl.DataFrame]:
