@@ -249,14 +249,14 @@ class Samples(Metric, name="samples"):
 
 
 @pytree
-class _OnBoard:
+class _BoardState:
     doses_mU: jax.Array
     """(samples, ...) insulin above the basal rate of past samples, the newest first."""
     total_U: jax.Array
     largest_U: jax.Array
 
 
-class InsulinOnBoard(Metric, name="insulin-on-board"):
+class OnBoard(Metric, name="insulin-on-board"):
     """Insulin on board at the samples, mean and largest.
 
     Insulin of the run above the basal rate that has not acted yet, as in the trace; that of a warm-up is left out.
@@ -272,25 +272,25 @@ class InsulinOnBoard(Metric, name="insulin-on-board"):
         """The curve is one of subcutaneous insulin."""
         return (SUBCUTANEOUS,)
 
-    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _OnBoard:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _BoardState:
         zero = jnp.zeros_like(glucose_mg_dl)
         past = on_board_curves(trajectory.concrete_sample_min)[0].size - 1
-        return _OnBoard(
+        return _BoardState(
             doses_mU=jnp.zeros((past, *zero.shape), zero.dtype), total_U=zero, largest_U=jnp.full_like(zero, -jnp.inf)
         )
 
-    def sample(self, trajectory: Trajectory, state: _OnBoard, happened: Sampled, t_min: jax.Array) -> _OnBoard:
+    def sample(self, trajectory: Trajectory, state: _BoardState, happened: Sampled, t_min: jax.Array) -> _BoardState:
         left = jnp.asarray(on_board_curves(trajectory.concrete_sample_min)[0][1:], state.total_U.dtype)
         on_board_U = jnp.tensordot(left, state.doses_mU, 1) / MU_PER_U
         assert happened.basal_mU_min is not None  # whoever folds metrics gives it
         dose_mU = (happened.infused_mU_min - happened.basal_mU_min) * trajectory.sample_time_min
-        return _OnBoard(
+        return _BoardState(
             doses_mU=jnp.concatenate([dose_mU[None], state.doses_mU[:-1]]),
             total_U=state.total_U + on_board_U,
             largest_U=jnp.maximum(state.largest_U, on_board_U),
         )
 
-    def finish(self, trajectory: Trajectory, state: _OnBoard, ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: _BoardState, ended: Ended) -> dict[str, Any]:
         return {
             "mean_insulin_on_board_U": ended.of_insulin(state.total_U / ended.samples),
             "largest_insulin_on_board_U": ended.of_insulin(state.largest_U),

@@ -225,7 +225,7 @@ METRICS: Final = Catalogue(
         "settling": "glucoloop.metrics.regulation:Settling",
         "squared-error": "glucoloop.metrics.regulation:SquaredError",
         "insulin": "glucoloop.metrics.dosing:Insulin",
-        "insulin-on-board": "glucoloop.metrics.dosing:InsulinOnBoard",
+        "insulin-on-board": "glucoloop.metrics.dosing:OnBoard",
         "samples": "glucoloop.metrics.dosing:Samples",
         "constraints": "glucoloop.metrics.dosing:Constraints",
         "rescues": "glucoloop.metrics.dosing:Rescues",
