@@ -120,8 +120,11 @@ class PersonLoop:
         (key, index), time = rng, inputs.get("time_of_day_min")
         minute_inputs = MinuteInputs(**{name: inputs[name] for name in self.minute_inputs.names})
         outside = Exogenous(t_min=inputs["t_min"], moments=moments, minute_inputs=minute_inputs)
-        state, happened = sample(self.of(person), carry.loop, outside, announced, key, index, time)
+        loop = self.of(person)
+        state, happened = sample(loop, carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
+            basal = jnp.asarray(loop.plant.patient.basal_insulin_mU_min)
+            happened = dataclasses.replace(happened, basal_mU_min=basal)
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
             accumulator = self.fold.step(carry.accumulator, inside, inputs["counted_min" if self.warm_up else "t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
