@@ -48,7 +48,7 @@ def test_a_trial_and_a_league_have_its_amounts(glucoloop):
     assert "glucagon_total_ug" in people.columns
 
 
-@pytest.mark.parametrize("command", ["export", "adversary", "hil", "bound", "tune", "robust", "detect", "replay"])
+@pytest.mark.parametrize("command", ["adversary", "hil", "bound", "tune", "robust", "detect", "replay"])
 def test_a_command_without_it_has_no_such_option(glucoloop, command):
     answer = glucoloop(command, "--glucagon", "threshold")
     assert answer.code == 2

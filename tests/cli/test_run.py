@@ -144,6 +144,21 @@ def test_forecasts_are_kept_and_drawn_where_they_are_asked_for(glucoloop, tmp_pa
 
 
 @pytest.mark.long
+def test_a_comparison_keeps_the_forecasts_of_the_cases_that_make_any(glucoloop, tmp_path):
+    short = (*SHORT, "--forecasts")
+    both = glucoloop("compare", "--controller", "mpc", "--controller", "pid", *short, "--out", "both")
+    assert "No forecast is made by: pid." in both.out
+    table = pl.read_csv(tmp_path / "both/forecasts.csv")
+    assert table["case"].unique().to_list() == ["mpc"]
+    glucoloop("run", "--controller", "mpc", *short, "--out", "alone")
+    assert table.drop("case").equals(pl.read_csv(tmp_path / "alone/forecasts.csv"))
+    page = (tmp_path / "both/figure.html").read_text()
+    assert page.count('"kind": "ahead"') + page.count('"kind":"ahead"') == 20
+    answer = glucoloop("compare", "--controller", "pid", "--controller", "imc", *short)
+    assert "--forecasts has no effect: the controllers pid and imc do not use forecasts of glucose" in answer.err
+
+
+@pytest.mark.long
 def test_known_dead_time_reaches_the_controller(glucoloop):
     unknown = glucoloop("run", "--dead-time", 10, "--json")
     known = glucoloop("run", "--dead-time", 10, "--controller", "known_dead_time=true", "--json")

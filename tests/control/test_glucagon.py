@@ -15,10 +15,8 @@ from glucoloop.control.glucagon import GLUCAGON
 from glucoloop.control.guard_glucagon import repaired_glucagon
 from glucoloop.control.protocol import gives_glucagon
 from glucoloop.faults import FAULTS
-from glucoloop.firmware.exported import export
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.pumps import GlucagonLimits, LimitedPump
-from glucoloop.refusal import Refusal
 from guarding import BASAL, SETPOINT, observe
 from observing import observing
 
@@ -202,11 +200,6 @@ def test_a_controller_that_contradicts_itself_is_refused():
     pump = LimitedPump(glucagon=GlucagonLimits())
     with pytest.raises(ArgumentTypeError, match="gives_glucagon contradict"):
         gl.simulate(patient, Silent(glucagon_ug=1.0), pump=pump, scenario=gl.Scenario([], 30.0))
-
-
-def test_c_has_no_glucagon():
-    with pytest.raises(Refusal, match="gives glucagon, for which the pump in C has no route"):
-        export(around("threshold"), LimitedPump().limits, seen(100.0), ["one"])
 
 
 @pytest.mark.long

@@ -11,6 +11,8 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.therapy import action_per_min
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.trial import Trial
 
 MEAL_AND_BOLUS = {
     "patient": "hovorka-2004",
@@ -64,6 +66,31 @@ def test_a_warm_up_counts(trace):
         cut = trace.after(samples)
         assert cut.insulin_on_board_U == pytest.approx(trace.insulin_on_board_U[samples:])
         assert cut.carbs_on_board_g == pytest.approx(trace.carbs_on_board_g[samples:])
+
+
+def test_the_metric_is_that_of_the_column(trace):
+    metrics = gl.summarise(trace, metrics=["insulin-on-board"]).as_dict()
+    on_board_U = trace.insulin_on_board_U
+    assert metrics["mean_insulin_on_board_U"] == pytest.approx(on_board_U.mean())
+    assert metrics["largest_insulin_on_board_U"] == pytest.approx(on_board_U.max())
+    assert on_board_U.max() > 2.0
+
+
+@pytest.mark.long
+def test_the_metric_of_a_trial_in_native_code_is_that_of_a_constant_rate():
+    """Half of the basal rate too much, so that on board is that many doses by the curve."""
+    settings = {"controller": ["basal-bolus"], "patient": "hovorka-2004", "meals": [], "days": 1, "warm_up_min": 60.0}
+    more = {"profile_error": "basal_pct=150", "metrics": ["insulin-on-board"], "people": 4}
+    prepared = prepare(configured(Trial, {**settings, **more, "sample_time_min": 5.0}))
+    assert {case.loop.engine for case in prepared.cases.values()} == {"native"}
+    metrics = run_people(prepared, "basal-bolus", np.arange(4), threads=1).metrics
+    rate_mU_min = metrics["insulin_total_mU"] / 1440.0
+    assert np.ptp(rate_mU_min) > 0.1
+    curve, _ = on_board_curves(5.0)
+    by_sample = np.cumsum(np.append(0.0, curve[1:]))[np.minimum(np.arange(288), curve.size - 1)]
+    on_board_U = np.outer(by_sample, 5.0 * rate_mU_min * 0.5 / 1.5) / 1000.0
+    np.testing.assert_allclose(metrics["largest_insulin_on_board_U"], on_board_U.max(axis=0), rtol=1e-6)
+    np.testing.assert_allclose(metrics["mean_insulin_on_board_U"], on_board_U.mean(axis=0), rtol=1e-6)
 
 
 def test_insulin_into_a_vein_has_no_such_curve(patient_81):

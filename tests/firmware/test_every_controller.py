@@ -10,6 +10,7 @@ import pytest
 
 from glucoloop.build.designs import controller_of
 from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.control.glucagon import GLUCAGON
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Observation
 from glucoloop.firmware.exported import export
@@ -102,3 +103,32 @@ def test_the_settings_of_the_compiler_change_no_bit(name):
         for setting, library in libraries.items():
             after = library.step(before, leaves)
             assert equal((*after[0], *after[1]), (*state, *decided)), (setting, reading)
+
+
+@pytest.mark.parametrize("guard", [None, "usual"])
+@pytest.mark.parametrize("way", list(GLUCAGON))
+def test_c_of_a_controller_with_glucagon_gives_the_bits_of_its_definition(way, guard):
+    settings = {"controller": ["mpc"], "glucagon": way, "guard": guard, "pump": "max_glucagon_ug=100"}
+    run = configured(Run, settings)
+    for precision in ("float64", "float32"):
+        exported = export(
+            controller_of(run, run.case), run.limits, SEEN, [way], precision=precision, glucagon=run.glucagon_limits
+        )
+        library, (init, step) = Library(exported.source, precision), arithmetic(exported)
+        state, decisions, delivered = None, [], 22.3
+        for reading in (110.0, 90.0, 69.0, 55.0, np.nan, 40.0, 40.0, 3e38, 60.0, 62.0, 120.0):
+            seen = dataclasses.replace(
+                SEEN, glucose_mg_dl=jnp.asarray(reading), delivered_mU_min=jnp.asarray(delivered)
+            )
+            leaves = leaves_of(seen, exported)
+            state = init(leaves) if state is None else state
+            in_c = library.step(state, leaves)
+            state, decided = step(state, leaves)
+            assert equal((*in_c[0], *in_c[1]), (*state, *decided)), (precision, reading)
+            decisions.append(decision_of(decided, exported))
+            fall = delivered - float(decisions[-1].insulin_mU_min)
+            assert fall <= float(run.limits.max_change_mU_min) * (1.0 + 1e-6)
+            delivered = float(decisions[-1].insulin_mU_min)
+        glucagon_ug = [float(decision.glucagon_ug) for decision in decisions]
+        assert 0.0 < max(glucagon_ug) <= 100.0
+        assert glucagon_ug[0] == glucagon_ug[-1] == 0.0

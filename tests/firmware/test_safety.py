@@ -29,7 +29,7 @@ def exported(on_chip):
 
 @pytest.fixture(scope="module")
 def giving_boluses(exported):
-    return dataclasses.replace(exported, last=dataclasses.replace(exported.last, bolus=("bolus_mU", 25_000.0)))
+    return dataclasses.replace(exported, last=dataclasses.replace(exported.last, amounts={"bolus_mU": 25_000.0}))
 
 
 def test_a_guard_is_a_measure_only_where_it_is(exported):

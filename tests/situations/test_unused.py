@@ -161,6 +161,7 @@ NOTED = [
         (("robust", "--noise", "0", option, "7"), f"{option} has no effect: nothing is drawn at random in a run of the")
         for option in ("--seeds", "--first-seed", "--check-seeds", "--check-first-seed")
     ),
+    (("run", "--metric", "insulin-on-board"), "The metric insulin-on-board has no meaning: insulin is intravenous."),
     (("hil", "--baud", "9600"), "--baud has no effect: the chip is at no serial port."),
     (("hil", "--fallback", "suspend"), "--fallback has no effect: the chip always answers"),
     (("hil", "--announce-meals"), "--announce-meals has no effect: the controller mpc"),
@@ -173,6 +174,8 @@ EFFECTIVE = [
     ("run", "--glucagon", "threshold", "--guard", "max_glucagon_day_ug=50", "--pump", "glucagon_step_ug=5"),
     ("run", "--noise", "1.45", "--seed", "3"),
     ("run", "--forecasts"),
+    ("compare", "--forecasts", "--controller", "mpc", "--controller", "pid"),
+    ("run", "--patient", "hovorka-2004", "--metric", "insulin-on-board"),
     ("run", "--meal-size-spread", "20", "--seed", "3"),
     ("run", "--patient", "hovorka-2004", "--rhythm", "dawn", "--start", "06:00"),
     ("run", "--controller", "basal", "--guard", "--noise", "1.45"),

@@ -44,7 +44,7 @@ def numbers_by_minute(
     Parameters
     ----------
     metrics : mapping
-        (runs,) each, by the name of a result of `metrics.catalogue`.
+        (runs,) each, by the name of a result of `metrics.metric`.
     t_min : (points,) array
     glucose_mg_dl : (points, runs) array
         Glucose; it is interpolated linearly where the points are farther apart than a minute.

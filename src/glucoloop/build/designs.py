@@ -236,6 +236,7 @@ def with_actions(controller: Controller, situation: Situation, profile: Profile 
             profile=profile,
             sample_time_min=controller.sample_time_min,
             subcutaneous=situation.patient.subcutaneous,
+            limits=situation.limits,
         )
     for action in situation.actions:
         controller = action.made(

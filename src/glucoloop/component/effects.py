@@ -41,6 +41,7 @@ PROFILE: Final = Need("nothing doses by the profile of a person", "the profile o
 CARB_RATIO: Final = Need("nothing doses by the carbohydrate ratio of a person", "the carbohydrate ratio of a person")
 CORRECTION: Final = Need("nothing doses by the correction factor of a person", "the correction factor of a person")
 BOLUSES: Final = Need("no boluses are given", "boluses")
+SUBCUTANEOUS: Final = Need("insulin is intravenous", effect="no meaning")
 GLUCAGON: Final = Need("no glucagon is given")
 FORECASTS: Final = Need("nothing forecasts glucose", "forecasts of glucose")
 TEMPORARY_TARGETS: Final = Need("no target is temporary")
@@ -51,7 +52,7 @@ OF_CONTROLLERS: Final = frozenset(
 )
 """Needs that controllers may meet, by what they use or give."""
 
-EVERYTHING: Final = OF_CONTROLLERS | {MEALS, EXERCISE, CHANCE, DEAD_TIME, GLUCAGON, TEMPORARY_TARGETS}
+EVERYTHING: Final = OF_CONTROLLERS | {MEALS, EXERCISE, CHANCE, DEAD_TIME, SUBCUTANEOUS, GLUCAGON, TEMPORARY_TARGETS}
 """All needs, which a study of many situations meets in one or another."""
 ONLY_READINGS: Final = frozenset({READINGS})
 """Needs that most controllers meet."""

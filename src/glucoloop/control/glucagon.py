@@ -25,11 +25,12 @@ from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import READINGS, Need
-from glucoloop.component.pytree_component import HOST, derived, wired
+from glucoloop.component.pytree_component import DATA, HOST, derived, wired
 from glucoloop.component.setting import About
 from glucoloop.control.around import ControllerAround
-from glucoloop.control.decision import announced_carbs, is_known
+from glucoloop.control.decision import announced_carbs, delivered_since, is_known
 from glucoloop.control.protocol import Decision, DoseForecast, Observation, forecast_of
+from glucoloop.pumps.limits import DoseLimits
 from glucoloop.unit_guess import GLUCOSE_BOUND
 
 _LONG_MIN: Final = 1e5
@@ -57,6 +58,8 @@ class GlucagonComponent(ControllerAround):
     kind: ClassVar = "glucagon controller"
     subcutaneous: bool = wired(HOST, default=True)
     """Whether glucagon is subcutaneous, as insulin is."""
+    limits: DoseLimits | None = wired(DATA, default=None)
+    """Limits of the rate of the pump, which bound by how much it falls where glucagon is given; None for no bound."""
 
     @property
     def gives_glucagon(self) -> bool:
@@ -78,7 +81,11 @@ class GlucagonComponent(ControllerAround):
         gives, bolus = glucagon > 0.0, decision.bolus_mU
         if bolus is not None:
             bolus = jnp.where(gives & ~(announced_carbs(observation) > 0.0), 0.0, bolus)
-        insulin = jnp.where(gives, 0.0, decision.insulin_mU_min)
+        rate = decision.insulin_mU_min
+        none = jnp.zeros_like(rate)
+        if self.limits is not None:
+            none = self.limits.clip(none, delivered_since(observation, rate))
+        insulin = jnp.where(gives, none, rate)
         decision = dataclasses.replace(decision, insulin_mU_min=insulin, bolus_mU=bolus, glucagon_ug=glucagon)
         return _GlucagonState(inner=inner, memory=memory), decision
 

@@ -457,9 +457,10 @@ _LONGEST_MIN: Final = _INSULIN.delay_min + _INSULIN.action_min
 def on_board_curves(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Parts of a dose and of a meal that are on board at whole samples after them, ``(samples,)``, the last ones 0."""
     t_min = sample_time_min * np.arange(np.ceil(_LONGEST_MIN / sample_time_min) + 1)
-    insulin = insulin_left(t_min - _INSULIN.delay_min, _INSULIN.action_min, _INSULIN.peak_min)
-    carbs = 1.0 - part_absorbed(jnp.asarray((t_min - _CARB_DELAY_MIN) / _MEAL_MIN))
-    return np.asarray(insulin, np.float64), np.asarray(carbs, np.float64)
+    with jax.ensure_compile_time_eval():
+        insulin = insulin_left(t_min - _INSULIN.delay_min, _INSULIN.action_min, _INSULIN.peak_min)
+        carbs = 1.0 - part_absorbed(jnp.asarray((t_min - _CARB_DELAY_MIN) / _MEAL_MIN))
+        return np.asarray(insulin, np.float64), np.asarray(carbs, np.float64)
 
 
 def on_board(amounts: npt.ArrayLike, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

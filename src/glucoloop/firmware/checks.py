@@ -111,15 +111,16 @@ def bounds_proved(exported: Exported) -> Check:
                 lines.append(f"  anything({at}, sizeof({structure}.{field.name}));")
     last = exported.last
     bounds = {last.rate: (last.minimum.hex(), last.maximum.hex()), "status": (0, max(Status).value)}
-    if last.bolus is not None:
-        bounds[last.bolus[0]] = ("0.0", last.bolus[1].hex())
+    bounds |= {name: ("0.0", largest.hex()) for name, largest in last.amounts.items()}
     assertions = [
         f"  /*@ assert {minimum} <= decision.{name} <= {maximum}; */" for name, (minimum, maximum) in bounds.items()
     ]
     text = template("any_step.c").replace("@ANYTHING@", template("anything.h")).replace("@FILL@", "\n".join(lines))
     text = text.replace("@BOUNDS@", "\n".join(assertions))
     dose = f"rate from {last.minimum:g} to {last.maximum:g} mU/min"
-    dose += "" if last.bolus is None else f", bolus from 0 to {last.bolus[1]:g} mU"
+    for name, largest in last.amounts.items():
+        what, _, unit = name.partition("_")
+        dose += f", {what} from 0 to {largest:g} {unit}"
     what = f"{dose}, a known status"
     return _analysed(BOUNDS, {**_code(exported), "main.c": text}, what, len(bounds))
 

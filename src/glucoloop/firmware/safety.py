@@ -143,6 +143,7 @@ def safety_report(exported: Exported, name: str, checks: Sequence[Mapping[str, A
         version=__version__,
         guard="It has its guard." if guarded else "It has no guard, so the measures of the guard are not here.",
         boluses="It gives boluses." if boluses else "It gives no boluses, so hazards of boluses are left out.",
+        glucagon=" It gives glucagon too, whose hazards are not in this file." if exported.gives_glucagon else "",
         hazards="\n\n".join(parts),
         unmet="\n".join(f"- {hazard.what}" for hazard in concern if not inside.keys() & {*hazard.measures}) or "- none",
         requirements="\n".join(_requirement_text(requirement, checks) for requirement in inside.values()),

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 SAMPLE_MIN: Final = 5.0
 SAMPLES_PER_DAY: Final = round(MIN_PER_DAY / SAMPLE_MIN)
 HARMONICS: Final = 4
+_WAVE_SD_MG_DL: Final = 20.0
 _MIN_READINGS_OF_A_DAY: Final = 24
 """Readings with which a day counts as one: two hours of them, or a day of one an hour."""
 _SAME_RATE: Final = 0.05
@@ -307,8 +308,22 @@ def smoothed_day(values: Values, days: int, window_min: float) -> Values:
     return result
 
 
+def harmonics_sd() -> Values:
+    """Standard deviation of each harmonic before a record [mg/dl], of those after the first by its order less."""
+    return np.repeat(_WAVE_SD_MG_DL / np.arange(1, HARMONICS + 1), 2)
+
+
 def daily_waves(clock: Places) -> Values:
     """A constant and four harmonics of the time of day, ``(samples, 9)``."""
     phase = 2.0 * np.pi * clock / SAMPLES_PER_DAY
     waves = [wave(order * phase) for order in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)]
     return np.stack([np.ones(clock.size), *waves], axis=-1)
+
+
+def apart(places: Places, least: int) -> Places:
+    """Places in their order, without each that is nearer than `least` to the last one before it that is kept."""
+    kept: list[int] = []
+    for place in places.tolist():
+        if not kept or place >= kept[-1] + least:
+            kept.append(place)
+    return np.array(kept, np.int64)

@@ -33,12 +33,12 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 from glucoloop._lazy_jax import np, scipy
 from glucoloop.component.setting import About
 from glucoloop.forecasts.grid import (
-    HARMONICS,
     SAMPLE_MIN,
     SAMPLES_PER_DAY,
     DosesAndMeals,
     UsualDay,
     daily_waves,
+    harmonics_sd,
     usual_day,
 )
 from glucoloop.forecasts.linear_filter import (
@@ -64,8 +64,6 @@ _WARM_UP: Final = 144
 _MIN_DAILY_DOSE_U: Final = 5.0
 """Daily dose below which the prior of the effect of insulin no longer grows."""
 _LEVEL_MG_DL: Final = (150.0, 100.0)
-_WAVE_SD_MG_DL: Final = 20.0
-"""Standard deviation of the first harmonic before the record; of the others it falls with their order."""
 _RISE_MG_DL_G: Final = (3.0, 1.5)
 """Largest rise by 1 g of carbohydrate before the record: mean and standard deviation."""
 _ROUNDING_VARIANCE: Final = 1.0 / 12.0
@@ -189,7 +187,7 @@ class _LinearPrior(NamedTuple):
 
 def _linear_prior(daily_U: float, rule: float, spread: float) -> _LinearPrior:
     fall = rule / max(daily_U, _MIN_DAILY_DOSE_U)
-    waves_sd = np.repeat(_WAVE_SD_MG_DL / np.arange(1, HARMONICS + 1), 2)
+    waves_sd = harmonics_sd()
     return _LinearPrior(
         np.array([-fall, _RISE_MG_DL_G[0], _LEVEL_MG_DL[0], *np.zeros(waves_sd.size)]),
         np.array([spread * fall, _RISE_MG_DL_G[1], _LEVEL_MG_DL[1], *waves_sd]),

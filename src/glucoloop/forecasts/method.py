@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, Protocol
 from glucoloop._lazy_jax import np, scipy
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.forecasts.grid import apart
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -137,11 +138,7 @@ def scaled(inner: Predictor, training: GriddedRecord) -> Predictor:
 def origins_of(record: GriddedRecord, first_sample: int) -> Places:
     """Samples with a reading from one on, 15 min or more apart, at which forecasts are made."""
     readable = np.flatnonzero(np.isfinite(record.reading_mg_dl))
-    origins = list[int]()
-    for sample in readable[readable >= first_sample].tolist():
-        if not origins or sample >= origins[-1] + STRIDE:
-            origins.append(sample)
-    return np.array(origins, dtype=np.int64)
+    return apart(readable[readable >= first_sample], STRIDE)
 
 
 def last_readings(record: GriddedRecord, otherwise_mg_dl: float) -> Values:

@@ -23,6 +23,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtr, stdtrit
 
+from glucoloop.identification.impulse_response import from_rest
+
 Floats = npt.NDArray[np.float64]
 
 CONFIDENCE: Final = 0.95
@@ -131,13 +133,8 @@ def _time_constants(length_min: float) -> Floats:
 
 def _responses(insulin: Floats, sample_time_min: float, taus_min: Floats) -> Floats:
     """Responses ``(N + 1, taus)`` of two lags one after the other, with a gain of 1, to insulin from rest."""
-    from scipy.signal import fftconvolve
-
     t = sample_time_min * np.arange(insulin.size + 1) / taus_min[:, None]
-    impulse = np.diff(1.0 - (1.0 + t) * np.exp(-t), axis=1)
-    responses = np.zeros((insulin.size + 1, taus_min.size))
-    responses[1:] = fftconvolve(insulin[None], impulse, axes=1)[:, : insulin.size].T
-    return responses
+    return from_rest(insulin, np.diff(1.0 - (1.0 + t) * np.exp(-t), axis=1))
 
 
 def _priors(taus_min: Floats) -> tuple[Floats, Floats]:

@@ -145,3 +145,12 @@ def _rank(columns: NDArray[np.float64], size: float) -> int:
     """Rank of columns after a projection; parts below the rounding of their former norm `size` do not count."""
     left = np.linalg.svd(columns, compute_uv=False)
     return int(np.sum(left > max(columns.shape) * np.finfo(float).eps * size))
+
+
+def from_rest(insulin: NDArray[np.float64], impulse_responses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Responses ``(N + 1, k)`` to insulin ``(N,)`` from steady state, of impulse responses ``(k, N)``."""
+    from scipy.signal import fftconvolve  # half a second, which few commands need
+
+    responses = np.zeros((insulin.size + 1, impulse_responses.shape[0]))
+    responses[1:] = fftconvolve(insulin[None], impulse_responses, axes=1)[:, : insulin.size].T
+    return responses

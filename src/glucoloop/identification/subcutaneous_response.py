@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import null_space
 
+from glucoloop.identification.impulse_response import from_rest
 from glucoloop.identification.laguerre import laguerre_functions
 
 Floats = npt.NDArray[np.float64]
@@ -41,13 +42,9 @@ def subcutaneous_basis(pole: float, functions: int, memory: int) -> Floats:
 
 def filtered_input(insulin_deviation: npt.ArrayLike, pole: float, functions: int) -> Floats:
     """Responses ``(N + 1, L)`` of the Laguerre functions to a whole record of N samples that starts at steady state."""
-    from scipy.signal import fftconvolve  # half a second, and only for subcutaneous insulin
-
     insulin = np.asarray(insulin_deviation, float)
     rows = np.asarray(laguerre_functions(pole, functions, max(functions, insulin.size)))[:, : insulin.size]
-    responses = np.zeros((insulin.size + 1, functions))
-    responses[1:] = fftconvolve(insulin[None], rows, axes=1)[:, : insulin.size].T
-    return responses
+    return from_rest(insulin, rows)
 
 
 def subcutaneous_coefficients(columns: Floats, readings: Floats, pole: float, functions: int, memory: int) -> Floats:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
+from glucoloop.component.effects import SUBCUTANEOUS, Need
+from glucoloop.control.loop_like import on_board_curves
 from glucoloop.control.protocol import Status
 from glucoloop.metrics.metric import Ended, Metric, Result, Trajectory, count
 from glucoloop.units import MU_PER_U
@@ -244,6 +246,55 @@ class Samples(Metric, name="samples"):
 
     def finish(self, trajectory: Trajectory, state: dict[str, jax.Array], ended: Ended) -> dict[str, Any]:
         return {f"samples_{name}": number.astype(int) for name, number in state.items()}
+
+
+@pytree
+class _BoardState:
+    doses_mU: jax.Array
+    """(samples, ...) insulin above the basal rate of past samples, the newest first."""
+    total_U: jax.Array
+    largest_U: jax.Array
+
+
+class OnBoard(Metric, name="insulin-on-board"):
+    """Insulin on board at the samples, mean and largest.
+
+    Insulin of the run above the basal rate that has not acted yet, as in the trace; that of a warm-up is left out.
+    """
+
+    section = "Insulin on board"
+    numbers = (
+        Result("mean_insulin_on_board_U", "Mean insulin on board of the samples.", "Mean", "U", 2),
+        Result("largest_insulin_on_board_U", "Largest insulin on board of a sample.", "Largest", "U", 2),
+    )
+
+    def needs(self) -> tuple[Need, ...]:
+        """The curve is one of subcutaneous insulin."""
+        return (SUBCUTANEOUS,)
+
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _BoardState:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        past = on_board_curves(trajectory.concrete_sample_min)[0].size - 1
+        return _BoardState(
+            doses_mU=jnp.zeros((past, *zero.shape), zero.dtype), total_U=zero, largest_U=jnp.full_like(zero, -jnp.inf)
+        )
+
+    def sample(self, trajectory: Trajectory, state: _BoardState, happened: Sampled, t_min: jax.Array) -> _BoardState:
+        left = jnp.asarray(on_board_curves(trajectory.concrete_sample_min)[0][1:], state.total_U.dtype)
+        on_board_U = jnp.tensordot(left, state.doses_mU, 1) / MU_PER_U
+        assert happened.basal_mU_min is not None  # whoever folds metrics gives it
+        dose_mU = (happened.infused_mU_min - happened.basal_mU_min) * trajectory.sample_time_min
+        return _BoardState(
+            doses_mU=jnp.concatenate([dose_mU[None], state.doses_mU[:-1]]),
+            total_U=state.total_U + on_board_U,
+            largest_U=jnp.maximum(state.largest_U, on_board_U),
+        )
+
+    def finish(self, trajectory: Trajectory, state: _BoardState, ended: Ended) -> dict[str, Any]:
+        return {
+            "mean_insulin_on_board_U": ended.of_insulin(state.total_U / ended.samples),
+            "largest_insulin_on_board_U": ended.of_insulin(state.largest_U),
+        }
 
 
 @pytree

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, static
+from glucoloop.arguments import is_traced
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -43,11 +44,22 @@ class Trajectory:
     lowest_glucose_mg_dl: jax.Array | float = LOWEST_GLUCOSE_MG_DL
     inside_min: tuple[jax.Array | float, ...]
     """Times after a sample of the points of the grid until the next sample, that one included."""
+    sample_min: float | None = static(default=None)
+    """The time from one sample to the next where `inside_min` is traced and it is known all the same."""
 
     @property
     def sample_time_min(self) -> jax.Array | float:
         """Time from one sample to the next."""
         return self.inside_min[-1]
+
+    @property
+    def concrete_sample_min(self) -> float:
+        """The same as a number, on which the size of a memory may rest; Refusal where it is traced."""
+        if self.sample_min is not None:
+            return self.sample_min
+        if is_traced(self.sample_time_min):
+            raise Refusal("the sample time of a traced trace is not known; summarise it outside of jit and vmap")
+        return float(self.sample_time_min)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,6 +225,7 @@ METRICS: Final = Catalogue(
         "settling": "glucoloop.metrics.regulation:Settling",
         "squared-error": "glucoloop.metrics.regulation:SquaredError",
         "insulin": "glucoloop.metrics.dosing:Insulin",
+        "insulin-on-board": "glucoloop.metrics.dosing:OnBoard",
         "samples": "glucoloop.metrics.dosing:Samples",
         "constraints": "glucoloop.metrics.dosing:Constraints",
         "rescues": "glucoloop.metrics.dosing:Rescues",

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree, represented, static
-from glucoloop.arguments import checked
+from glucoloop.arguments import checked, is_traced
 from glucoloop.control.protocol import Decision
 from glucoloop.metrics.metric import LOWEST_GLUCOSE_MG_DL, Ended, Metric, Trajectory, default_results, metrics_with
 from glucoloop.pumps import Delivery
@@ -262,13 +262,19 @@ def summarise(
     ----------
     Parker, Doyle & Peppas 1999, eq. (17)-(19), Tables I and II; for the rest see the modules of `metrics`.
     """
-    result: Metrics = _summarised(trace, limits, lowest_glucose_mg_dl, tuple(metrics))
+    times = trace.t_min.shape[0], trace.fine_t_min
+    sample_min = None if is_traced(times[1]) else float(times[1][-1]) / times[0]
+    result: Metrics = _summarised(trace, limits, lowest_glucose_mg_dl, tuple(metrics), sample_min)
     return result
 
 
-@kept_jit(static_argnums=3)
+@kept_jit(static_argnums=(3, 4))
 def _summarised(
-    trace: Trace, limits: DoseLimits, lowest_glucose_mg_dl: jax.Array | float, further: tuple[str, ...]
+    trace: Trace,
+    limits: DoseLimits,
+    lowest_glucose_mg_dl: jax.Array | float,
+    further: tuple[str, ...],
+    sample_min: float | None,
 ) -> Metrics:
     samples, fine = trace.t_min.shape[0], trace.fine_glucose_mg_dl
     inside = (fine.shape[0] - 1) // samples
@@ -277,6 +283,7 @@ def _summarised(
         limits=limits,
         lowest_glucose_mg_dl=lowest_glucose_mg_dl,
         inside_min=tuple(trace.fine_t_min[1 : inside + 1]),
+        sample_min=sample_min,
         further=further,
     )
 
@@ -318,4 +325,5 @@ def _happened(trace: Trace, inside: int, sample_time_min: jax.Array | float) -> 
         inside_mg_dl=fine[1:].reshape(shape[0], inside, *shape[1:]),
         lowest_valid_mg_dl=jnp.broadcast_to(trace.lowest_valid_mg_dl, shape),
         rescue_g=trace.rescue_g,
+        basal_mU_min=jnp.broadcast_to(trace.basal_insulin_mU_min, shape),
     )

@@ -32,6 +32,15 @@ TRUNCATION_SD: Final = 3.0
 LARGEST_SPREAD_PCT: Final = 1000.0
 
 
+def _bounded(name: str, low: float, high: float, lower: float | None, upper: float | None) -> tuple[float, float]:
+    """Ends of a distribution within bounds that may be given; Refusal where they leave nothing."""
+    least = low if lower is None else max(low, lower)
+    most = high if upper is None else min(high, upper)
+    if not least < most:
+        raise Refusal(f"{name} varies from {low:g} to {high:g}, of which its bounds leave nothing; move lower or upper")
+    return least, most
+
+
 @dataclass(frozen=True, kw_only=True)
 class Variation:
     """One parameter, varied independently of the others.
@@ -110,13 +119,7 @@ class Variation:
             scale = self.spread if self.spread is not None else abs(centre) * relative / 100.0
             reach = scale if self.distribution == "uniform" else TRUNCATION_SD * scale
             low, high = centre - reach, centre + reach
-        lower = low if self.lower is None else max(low, self.lower)
-        upper = high if self.upper is None else min(high, self.upper)
-        if not lower < upper:
-            raise Refusal(
-                f"{name} varies from {low:g} to {high:g}, of which its bounds leave nothing; move lower or upper"
-            )
-        return Distribution(self.distribution, centre, scale, lower, upper)
+        return Distribution(self.distribution, centre, scale, *_bounded(name, low, high, self.lower, self.upper))
 
 
 @dataclass(frozen=True)
@@ -276,13 +279,9 @@ class JointVariation:
                 low, high = centre * math.exp(-reach), centre * math.exp(reach)
             else:
                 low, high = centre - reach, centre + reach
-            lower = low if self.lower is None else max(low, self.lower[i])
-            upper = high if self.upper is None else min(high, self.upper[i])
-            if not lower < upper:
-                raise Refusal(
-                    f"{name} varies from {low:g} to {high:g}, of which its bounds leave nothing; move lower or upper"
-                )
-            result[name] = Distribution("lognormal" if self.scale == "log" else "normal", centre, sd, lower, upper)
+            bounds = (None if ends is None else ends[i] for ends in (self.lower, self.upper))
+            kind = "lognormal" if self.scale == "log" else "normal"
+            result[name] = Distribution(kind, centre, sd, *_bounded(name, low, high, *bounds))
         return result
 
     def values(self, nominal: Mapping[str, float], seed: int, person: npt.NDArray[np.int64]) -> dict[str, Values]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -40,7 +40,7 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> d
         people = _people_of(paths[0])
         if len(people) > 1:
             each = {_name_of([path.name for path in own]): read_files(own, reader, answers) for own in people}
-            return {f"{name} {who}".strip(): record for name, of_one in each.items() for who, record in of_one.items()}
+            return _by_name(each)
     chosen = None if reader is None else READERS.choose(reader)
     files: list[UserFile] = []
     for path in paths:
@@ -49,8 +49,13 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> d
     people_in_zip = _people_in_zip(paths[0], files) if len(paths) == 1 and paths[0].is_file() else {}
     if people_in_zip:
         each = {name: _read(own, chosen, answers) for name, own in people_in_zip.items()}
-        return {f"{name} {who}".strip(): record for name, of_one in each.items() for who, record in of_one.items()}
+        return _by_name(each)
     return _read(files, chosen, answers)
+
+
+def _by_name(each: Mapping[str, Mapping[str, DeviceRecord]]) -> dict[str, DeviceRecord]:
+    """Records by the name of a folder or file and that of the person in it."""
+    return {f"{name} {who}".strip(): record for name, of_one in each.items() for who, record in of_one.items()}
 
 
 def _read(files: Sequence[UserFile], chosen: ReaderComponent | None, answers: Answers) -> dict[str, DeviceRecord]:

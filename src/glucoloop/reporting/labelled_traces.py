@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Status
+from glucoloop.metrics.readings.series import stretches
 from glucoloop.physiology.exercise import Exercise
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
@@ -44,12 +45,6 @@ def periods_text(periods: Sequence[tuple[float, float]], end_min: float, start_m
     if len(phrases) > _MAX_PERIODS:
         phrases = [*phrases[: _MAX_PERIODS - 1], f"in {len(phrases) - _MAX_PERIODS + 1} later periods"]
     return phrases[0] if len(phrases) == 1 else f"{', '.join(phrases[:-1])} and {phrases[-1]}"
-
-
-def stretches(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First place of each stretch in which something is there, and the place after its last one."""
-    first, after = np.flatnonzero(np.diff(there.astype(int), prepend=0, append=0)).reshape(-1, 2).T.tolist()
-    return list(zip(first, after, strict=True))
 
 
 def periods_below(

@@ -379,6 +379,8 @@ class Cohort:
         outside = Exogenous(t_min=inputs["t_min"], moments=moments, minute_inputs=minute_inputs)
         state, happened = sample(self._loop(person), carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
+            patient = self._loop(person).plant.patient
+            happened = dataclasses.replace(happened, basal_mU_min=jnp.asarray(patient.basal_insulin_mU_min))
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
             accumulator = self._fold.step(
                 carry.accumulator, inside, inputs["counted_min" if self._warm_up else "t_min"]

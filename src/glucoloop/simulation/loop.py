@@ -93,6 +93,8 @@ class Sampled:
     """Lower end of the valid range of the patient's model."""
     rescue_g: jax.Array | None = None
     """Carbohydrate that the person eats against low glucose; None where there is none."""
+    basal_mU_min: jax.Array | None = None
+    """Basal rate of the patient, for metrics; None within the loop."""
     forecast: DoseForecast | None = None
     """Forecast on which the decision rests, where forecasts are kept and the controller makes one."""
 

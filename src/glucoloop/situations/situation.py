@@ -20,6 +20,7 @@ from glucoloop.component.effects import (
     MEALS,
     MEALS_ANNOUNCED,
     READINGS,
+    SUBCUTANEOUS,
     TEMPORARY_TARGETS,
     TIME_OF_DAY,
     Need,
@@ -245,7 +246,9 @@ class Situation(Component):
         announced = {MEALS_ANNOUNCED} if self.announce_meals or "announce_meals" in self.refused else set()
         temporary = {TEMPORARY_TARGETS} if any(change.temporary for change in self.schedule.changes) else set()
         dual = set() if self.glucagon is None else {GLUCAGON}
-        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late | announced | temporary | dual
+        route = {SUBCUTANEOUS} if self.patient.subcutaneous else set()
+        of_all = {MEALS, EXERCISE, CHANCE, READINGS} | route
+        return self.patient.uses() | of_all | clock | late | announced | temporary | dual
 
     @property
     def by_chance(self) -> bool:

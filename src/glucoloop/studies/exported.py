@@ -28,7 +28,7 @@ class Export(ControlledSituation):
 
     kind: ClassVar = "export"
     # the recorded samples have meals and faults of their own
-    refused: ClassVar = ("faults", "metrics", "warm_up_min", "rescue", "glucagon", "events", "actions")
+    refused: ClassVar = ("faults", "metrics", "warm_up_min", "rescue", "events", "actions")
 
     precision: Precision = "float32"
     form: Form = "auto"
@@ -60,9 +60,12 @@ def exported_controller(config: Any, case: Case, controller: Controller, stepper
         precision=config.precision,
         form=config.form,
         bolus=config.bolus,
+        glucagon=config.glucagon_limits,
     )
 
 
 def name_of(config: ControlledSituation, case: Case) -> str:
     """Name of the controller of a case, for titles."""
-    return f"The controller {case.controller.display_name}{' with its guard' if case.guard else ''} for {config.place}"
+    more = [] if config.glucagon is None else [f"with glucagon by {config.glucagon.display_name}"]
+    more += ["with its guard"] if case.guard else []
+    return " ".join(["The controller", case.controller.display_name, *more, f"for {config.place}"])

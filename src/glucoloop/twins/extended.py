@@ -36,7 +36,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, daily_waves
+from glucoloop.forecasts.grid import HARMONICS, SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, daily_waves, harmonics_sd
 from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.patients.capabilities import rest_at, seen_mg_dl, sites
 from glucoloop.patients.catalogue import patient_entry
@@ -60,10 +60,7 @@ _DOUBLINGS: Final = 13
 _WORKING_MG_DL: Final = (90.0, 150.0)
 """Range of glucose at which the equations are linearised."""
 _LEVEL_SD_MG_DL: Final = 25.0
-_WAVE_SD_MG_DL: Final = 20.0
-"""Standard deviation of the first harmonic; of the others it falls with their order."""
-_HARMONICS: Final = 4
-WAVES: Final = 1 + 2 * _HARMONICS
+WAVES: Final = 1 + 2 * HARMONICS
 EXTRA_STATES: Final = 3
 """States ``a_1, a_2, d`` beside those of the patient."""
 _DAYS_TOGETHER: Final = 7
@@ -90,10 +87,6 @@ NOISES: Final = {
 """Time constants of `r`, ``tau_A`` and ``tau_D`` [min], and standard deviations of `w_2`, of the drift and of `v`, in
 units of that of `w_1`: but for the first, the medians of the linear filter of `forecasts.kalman`, with wider
 spreads."""
-
-
-def _waves_sd() -> Values:
-    return np.append(_LEVEL_SD_MG_DL, np.repeat(_WAVE_SD_MG_DL / np.arange(1, _HARMONICS + 1), 2))
 
 
 class Days(NamedTuple):
@@ -373,7 +366,11 @@ class ExtendedPatient:
         variance = noises["reading_sd"] ** 2
         predicted = _stationary(A, c, noise, variance)
         gain = predicted @ c / (c @ predicted @ c + variance)
-        b = p[len(self.prior.parameters) : len(self.prior.parameters) + WAVES] * jnp.asarray(_waves_sd()) / whole[1]
+        b = (
+            p[len(self.prior.parameters) : len(self.prior.parameters) + WAVES]
+            * jnp.asarray(np.append(_LEVEL_SD_MG_DL, harmonics_sd()))
+            / whole[1]
+        )
         fall, returned = (-jnp.min(of @ B[:, 0]) * MU_PER_U / SAMPLE_MIN for of in (rows, responses(A)))
         return Linearised(state, A, G, c, noise, variance, predicted, gain, unit, b, returning, fall, returned)
 

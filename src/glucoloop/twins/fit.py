@@ -35,7 +35,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, usual_day
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, apart, usual_day
 from glucoloop.forecasts.method import origins_of
 from glucoloop.patients.population import Population
 from glucoloop.refusal import Refusal
@@ -165,7 +165,7 @@ class _Target:
         self, patient: ExtendedPatient, training: GriddedRecord, days: Days, fall_mg_dl_U: float, spread: float
     ) -> None:
         self._days, self._log_fall, self._spread = days, np.log(fall_mg_dl_U), spread
-        origins = np.array([o for o in _apart(origins_of(training, _WARM_UP))], dtype=np.int64)
+        origins = apart(origins_of(training, _WARM_UP), _STRIDE)
         last = len(days.reading_mg_dl) - 1
         self._origins = np.append(origins, np.full(-origins.size % _ORIGINS_TOGETHER, last))
         readings = np.append(days.reading_mg_dl, np.nan)
@@ -197,15 +197,6 @@ class _Target:
             gradient = gradient + weight * slope.T @ error
             hessian = hessian + weight * slope.T @ slope
         return _Expansion(cost, gradient, hessian)
-
-
-def _apart(origins: npt.NDArray[np.int64]) -> list[int]:
-    """Origins that are not too near to one another."""
-    kept: list[int] = []
-    for origin in origins.tolist():
-        if not kept or origin >= kept[-1] + _STRIDE:
-            kept.append(origin)
-    return kept
 
 
 @functools.lru_cache(maxsize=8)

@@ -55,8 +55,6 @@ _MEMORY: Final = {
 }
 _INSTRUCTION_TIME: Final = "shift=6"
 """Each instruction takes 64 ns of the emulated time: a loaded computer delays no step beyond the watchdog's time."""
-EMULATED: Final = tuple(_BOARDS)
-"""Names of the chips that need no hardware."""
 
 
 def portable_files(exported: Exported) -> dict[str, str]:
@@ -90,7 +88,7 @@ def refuse_missing_tools(chip: str) -> None:
 
 
 def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Write and compile the firmware for one of `EMULATED` in an empty folder, and give the command that runs it."""
+    """Write and compile the firmware for an emulated chip in an empty folder, and give the command that runs it."""
     refuse_missing_tools(chip)
     texts = files(exported, chip)
     for name, text in texts.items():

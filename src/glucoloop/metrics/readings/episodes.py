@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.metrics.readings.series import Floats, Readings
+from glucoloop.metrics.readings.series import Floats, Readings, stretches
 from glucoloop.units import MIN_PER_DAY
 
 BOUNDS_MG_DL: Final = {"very_low": 54.0, "low": 70.0, "high": 180.0, "very_high": 250.0}
@@ -76,9 +76,8 @@ def glucose_episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
 
 def _spans(beyond: npt.NDArray[np.bool_], in_a_row: int) -> Iterator[tuple[int, int]]:
     """First place of each episode, and the first place after it."""
-    edges = np.flatnonzero(np.diff(beyond.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     begin, last = None, 0
-    for low, high in edges.tolist():
+    for low, high in stretches(beyond):
         if begin is not None and low - last >= in_a_row:
             yield begin, last
             begin = None

@@ -26,6 +26,12 @@ _AROUND: Final = 6
 _EARLY, _LATE, _MOST = 0.75, 1.25, 0.98
 
 
+def stretches(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First place of each stretch in which something is there, and the place after its last one."""
+    first, after = np.flatnonzero(np.diff(there.astype(int), prepend=0, append=0)).reshape(-1, 2).T.tolist()
+    return list(zip(first, after, strict=True))
+
+
 @dataclass(frozen=True)
 class Segment:
     """Glucose without a gap: values at ``first``, ``first + 1``, ... steps of the grid after midnight of day 0."""
@@ -54,8 +60,7 @@ class _GlucoseGrid:
     def segments(self) -> list[Segment]:
         """The stretches without a gap."""
         known = np.isfinite(self.glucose_mg_dl)
-        edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-        return [Segment(self.first + int(low), self.glucose_mg_dl[low:high]) for low, high in edges]
+        return [Segment(self.first + low, self.glucose_mg_dl[low:high]) for low, high in stretches(known)]
 
 
 @dataclass(frozen=True, eq=False)

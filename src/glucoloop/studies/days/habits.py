@@ -34,8 +34,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.stats
 
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord
-from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, apart
+from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, stretches
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many
 from glucoloop.therapy import CARB_RULE, CORRECTION_RULE
@@ -173,11 +173,6 @@ class Habits:
         """Entered carbohydrate of a day."""
         return sum(one.per_day * one.carbs_g for one in self.entered)
 
-    @property
-    def not_entered_g_day(self) -> float:
-        """Carbohydrate of a day that is not entered."""
-        return sum(one.per_day * one.carbs_g for one in self.not_entered)
-
 
 @dataclass(frozen=True)
 class _Eaten:
@@ -278,11 +273,7 @@ def _time_of_day(t_min: npt.NDArray[Any]) -> Values:
 
 def meals_of(record: GriddedRecord) -> Places:
     """Samples of the first entry of each meal, of which entries within half an hour are one."""
-    first: list[int] = []
-    for at in np.flatnonzero(record.carbs_g > 0.0).tolist():
-        if not first or at >= first[-1] + _ONE_MEAL:
-            first.append(at)
-    return np.array(first, np.int64)
+    return apart(np.flatnonzero(record.carbs_g > 0.0), _ONE_MEAL)
 
 
 def _near(amount: Values, at: int) -> float:
@@ -448,8 +439,7 @@ def _as_on_weekdays(record: GriddedRecord, eaten: _Eaten, weekend: WeekendDiffer
 def _gaps(there: npt.NDArray[np.bool_]) -> Gaps | None:
     """Gaps between the first and the last reading."""
     inside = there[np.argmax(there) : there.size - np.argmax(there[::-1])]
-    edges = np.flatnonzero(np.diff((~inside).astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    lengths = edges[:, 1] - edges[:, 0]
+    lengths = np.array([after - first for first, after in stretches(~inside)], int)
     lengths = lengths[lengths >= _MIN_GAP]
     kept = lengths[lengths <= _LONGEST_GAP]
     if not kept.size:

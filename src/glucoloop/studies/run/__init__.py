@@ -26,7 +26,6 @@ class Comparison(Run):
     """Several controllers in one situation."""
 
     kind: ClassVar = "comparison"
-    refused: ClassVar = ("forecasts",)
 
     bound: Annotated[
         bool,

@@ -136,7 +136,9 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
             "converged": loops.bound.converged,
             "distances": {label: dataclasses.asdict(distance) for label, distance in (loops.distances() or {}).items()},
         }
+    without = [label for label, of in outcomes.items() if config.forecasts and of.trace.forecast is None]
     plain["notes"] = [
+        *([f"No forecast is made by: {', '.join(without)}."] if 0 < len(without) < len(outcomes) else ()),
         *(
             f"{label}: {text}"
             for label, outcome in outcomes.items()
@@ -154,22 +156,31 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
         results.stacked({label: table(outcome.trace) for label, outcome in outcomes.items()})
         for table in (Trace.to_polars, results.minute_table)
     )
-    return Results(plain, _tables(samples, minutes), loops)
+    return Results(plain, {**_tables(samples, minutes), **_forecasts(outcomes)}, loops)
 
 
 def results_of_loop(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Results:
     """Results of one loop."""
     tables = _tables(outcome.trace.to_polars(), results.minute_table(outcome.trace))
     if outcome.trace.forecast is not None:
-        forecasts = outcome.trace.forecasts_to_polars()
-        tables |= {"forecasts.parquet": forecasts, "forecasts.csv": forecasts}
+        tables |= _as_files("forecasts", outcome.trace.forecasts_to_polars())
     return Results(
         {**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.display_name: outcome})
     )
 
 
 def _tables(samples: pl.DataFrame, minutes: pl.DataFrame) -> dict[str, pl.DataFrame]:
-    return {"trace.parquet": samples, "trace.csv": samples, "glucose_1min.parquet": minutes}
+    return {**_as_files("trace", samples), "glucose_1min.parquet": minutes}
+
+
+def _forecasts(outcomes: Mapping[str, Outcome]) -> dict[str, pl.DataFrame]:
+    """Forecasts of the cases that have any."""
+    tables = {label: of.trace.forecasts_to_polars() for label, of in outcomes.items() if of.trace.forecast is not None}
+    return _as_files("forecasts", results.stacked(tables)) if tables else {}
+
+
+def _as_files(name: str, table: pl.DataFrame) -> dict[str, pl.DataFrame]:
+    return {f"{name}.parquet": table, f"{name}.csv": table}
 
 
 def _gave_boluses(outcome: Outcome) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,6 +36,7 @@ MEANINGS: Final = {
     "decision": {
         "insulin_mU_min": "rate until the next step [mU/min]",
         "bolus_mU": "bolus, beside that rate [mU]; 0: none",
+        "glucagon_ug": "glucagon by the second route until the next step [ug]; 0: none",
         "status": "number of a status; 0: normal",
     },
 }
@@ -96,15 +98,14 @@ class LastClamp:
     maximum: float
     change: float
     """Largest change from a delivered rate that is within the bounds, with all rounding of the step."""
-    bolus: tuple[str, float] | None = None
-    """Field of the decision for a bolus, and the largest one; None without boluses."""
+    amounts: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Largest amount by its field of the decision, where there is a bolus or glucagon."""
 
     def lines(self, format: Format) -> list[str]:
         """Last statements of the step."""
         place = f"decision->{self.rate}"
         doses = [(place, f"gl_limited({place}, observation->{self.delivered})", self.minimum)]
-        if self.bolus is not None:
-            name, largest = self.bolus
+        for name, largest in self.amounts.items():
             place = f"decision->{name}"
             doses.append((place, f"gl_clip({place}, {format.literal(0.0)}, {format.literal(largest)})", 0.0))
         # Frama-C concludes that a number is one from x == x alone, not from a comparison with a bound.
