@@ -1,4 +1,4 @@
-"""The loop of one person of a cohort: what is the same for all people, and functions of a person's own numbers."""
+"""Loop of one person of a cohort, as a value: all that the program of a sample is made of."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class PersonValues:
 
 @pytree
 class PersonLoop:
-    """What is the same for all people of a cohort; its methods are functions of one person.
+    """Loop of one person of a cohort; it has all that is the same for everybody, and methods take what is not.
 
     It is all that the program of a sample is made of, so that one that is kept can be named by it.
     """
@@ -151,7 +151,7 @@ class WholeRun:
     one: PersonLoop
 
     def __call__(self, person: PersonValues, carry: PersonCarry, reaching: Any, shared: Any, rng: Any) -> Any:
-        """One sample."""
+        """Carry one person through one sample."""
         return self.one.step(person, carry, reaching, shared, rng)
 
 
