@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import pickle
 import subprocess
 import sys
 
@@ -13,10 +14,15 @@ import pytest
 from glucoloop import _disk_cache as kept
 from glucoloop._disk_cache import SUFFIX
 from glucoloop._kept_programs import kept_jit
+from glucoloop.metrics import RunningMetrics
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import kernel
 from glucoloop.patients.sorensen.parker1999 import PARKER_1999
 from glucoloop.patients.sorensen.rest import infusion_for
+from glucoloop.simulation import engines
+from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials.trial import Trial
 
 
 @pytest.fixture
@@ -140,11 +146,39 @@ jax.tree_util.register_dataclass(Mine)
         (np.hypot, (3.0, 4.0)),
         (infusion_for, (PARKER_1999, jnp.full(10_001, 81.1))),
         (repr, (Mine(),)),
+        (
+            repr,
+            (RunningMetrics(setpoint_mg_dl=81.0, inside_min=(5.0,), further=("mine",)),),
+        ),  # a text that names what somebody adds
     ],
 )
 def test_what_has_no_name_of_its_own_is_not_kept(keeping, function, given):
     kept.kept_result(function, *given)
     assert keeping() == 0
+
+
+def test_what_is_drawn_by_jax_is_of_its_process():
+    def draws(key, index):
+        return (), jax.random.normal(jax.random.fold_in(key, index))
+
+    lowered = lower(lambda *groups: draws(*groups[-1]), (), (), (), (), (jax.random.key(0), jnp.zeros((), int)))
+    with pytest.raises(kept.NoNameError):
+        pickle.dumps(lowered.drawing)
+
+
+def test_native_code_of_people_is_found_again_with_the_same_bits(keeping, monkeypatch):
+    trial = configured(Trial, {"people": 2, "controller": ["pid"]})
+
+    def glucose():
+        prepared = engine._prepare(trial)
+        return engine.run_people(prepared, "pid", [0, 1], traces=True).glucose_mg_dl
+
+    monkeypatch.setattr(kept, "_left", 99)
+    first, number = glucose(), keeping()
+    assert number > 0
+    monkeypatch.setattr(engines, "lower", None)  # nothing is lowered again
+    assert np.array_equal(glucose(), first)
+    assert keeping() == number
 
 
 def test_nothing_is_kept_where_a_function_of_the_package_was_replaced(keeping, monkeypatch):

@@ -12,6 +12,7 @@ import errno
 import functools
 import hashlib
 import inspect
+import operator
 import os
 import pickle
 import stat
@@ -44,7 +45,7 @@ _KNOWN: Final = sys.stdlib_module_names | {
     *("builtins", "glucoloop", "gymnasium", "jax", "lazy_loader", "matplotlib", "numpy", "polars", "scipy")
 }
 """Packages whose functions stand in modules of glucoloop."""
-_MOST: Final = 16
+_MOST: Final = 32
 """Most results that a process adds: those of a start are few, and who asks for many has no use for a file of each."""
 _left = _MOST
 """Number of results that may still be kept."""
@@ -110,13 +111,22 @@ def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
     if is_changed():
         return function(*arguments, **named)
 
+    computed = list[T]()
+
     def made() -> bytes:
         global _left
+        computed.append(function(*arguments, **named))
+        data = pickle.dumps(computed[0])
         _left -= 1
-        return pickle.dumps(function(*arguments, **named))
+        return data
 
     made_from = (repr((key, sorted(identity().items()))), source(), *(part for number in numbers for part in number))
-    data = kept(made_from, made)
+    try:
+        data = kept(made_from, made)
+    except NoNameError:  # a result that another process would not understand
+        if computed:
+            return computed[0]
+        raise
     try:
         result: T = pickle.loads(data)
     except Exception:  # not what this program writes; a slower start is no reason to stop
@@ -131,17 +141,19 @@ class NoNameError(Exception):
 def structure_key(structure: Any) -> Any:
     """Classes and static fields of a tree, in words that another process finds again."""
     node = structure.node_data()
-    return (
-        None
-        if node is None
-        else (name_of(node[0]), static_key(node[1]), [structure_key(child) for child in structure.children()])
-    )
+    if node is None:
+        return None
+    kind, fields = node
+    static = [static_key(part) for part in fields] if type(fields) in (tuple, list) else static_key(fields)
+    return name_of(kind), static, [structure_key(child) for child in structure.children()]
 
 
 def static_key(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     if type(value) in (tuple, list):
+        if any(isinstance(part, str) for part in value):
+            raise NoNameError  # they may name what a user adds
         return [static_key(part) for part in value]
     return name_of(value)
 
@@ -163,6 +175,8 @@ def _number_key(leaf: Any) -> tuple[str, bytes]:
 
     if isinstance(leaf, str):
         return "str", leaf.encode()
+    if isinstance(leaf, jax.ShapeDtypeStruct):
+        return repr(("shape", leaf.shape, str(leaf.dtype), leaf.weak_type)), b""
     if not isinstance(leaf, (bool, int, float, np.ndarray, np.generic, jax.Array)) or isinstance(leaf, jax.core.Tracer):
         raise NoNameError
     data: Any = leaf
@@ -181,12 +195,26 @@ def is_changed() -> bool:
     """
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] == __package__ and type(module) is ModuleType:  # a lazy one has not been loaded yet
-            for value in list(vars(module).values()):
-                is_class = issubclass(type(value), type) and value.__module__ == name  # isinstance loads lazy modules
-                for member in list(vars(value).values()) if is_class else (value,):
-                    if type(member) is FunctionType and not _is_known(member):
-                        return True
+            values = list(vars(module).values())
+            classes, before = _own.get(name, ([], []))
+            if not _same(values, before[: len(values)]):
+                # isinstance loads lazy modules
+                classes = [v for v in values if issubclass(type(v), type) and v.__module__ == name]
+            members = values + [member for of_class in classes for member in vars(of_class).values()]
+            if _same(members, before):
+                continue
+            if any(type(member) is FunctionType and not _is_known(member) for member in members):
+                return True
+            _own[name] = classes, members
     return False
+
+
+_own: dict[str, tuple[list[type], list[Any]]] = {}
+"""Classes of the modules in which all was glucoloop's own, and all members: comparing them with these is quick."""
+
+
+def _same(values: list[Any], others: list[Any]) -> bool:
+    return len(values) == len(others) and all(map(operator.is_, values, others))
 
 
 def _is_known(function: FunctionType) -> bool:

@@ -141,7 +141,8 @@ def _written(compiled: Any) -> bytes:
     if parts is None or parts.host_callbacks or parts.keepalive:  # addresses in this process
         raise _NotWrittenError
     try:
-        return pickle.dumps(serialize_executable.serialize(compiled))
+        calls_lapack = "lapack" in compiled.as_text()
+        return pickle.dumps((calls_lapack, serialize_executable.serialize(compiled)))
     except Exception as error:  # JAX has many kinds, and the program runs without being kept
         raise _NotWrittenError from error
 
@@ -149,11 +150,13 @@ def _written(compiled: Any) -> bytes:
 def _read(data: bytes) -> Any:
     """A program of its bytes."""
     try:
-        from jaxlib import lapack
+        calls_lapack, program = pickle.loads(data)
+        if calls_lapack:
+            from jaxlib import lapack
 
-        # What lowering does: a program that is read may call LAPACK. The module of functions is JAX's own.
-        getattr(lapack, "_lapack").initialize()  # noqa: B009
-        return serialize_executable.deserialize_and_load(*pickle.loads(data))
+            # What lowering does, and what imports SciPy. The module of functions is JAX's own.
+            getattr(lapack, "_lapack").initialize()  # noqa: B009
+        return serialize_executable.deserialize_and_load(*program)
     except Exception as error:  # not what this version writes; it is compiled instead
         raise _NotWrittenError from error
 

@@ -48,3 +48,7 @@ def test_help_descriptions_and_refusals_import_no_numerical_library(arguments):
 
 def test_the_list_of_everything_imports_no_more_than_the_readers_of_records():
     assert not {"jax", "scipy", "matplotlib"} & modules_after("list")
+
+
+def test_a_run_without_files_draws_nothing():
+    assert not {"matplotlib", "jinja2"} & modules_after("run", "--json")

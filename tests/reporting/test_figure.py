@@ -10,7 +10,7 @@ import pytest
 
 from glucoloop.control.protocol import DoseForecast
 from glucoloop.reporting import plot
-from glucoloop.reporting.print_figure import _figure_bytes, figure_files
+from glucoloop.reporting.figure_files import _figure_bytes, figure_files
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 

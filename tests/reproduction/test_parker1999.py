@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from glucoloop.reporting.print_figure import KINDS
+from glucoloop.reporting.figure_files import KINDS
 from glucoloop.reproduction.parker1999 import Reproduction, experiments
 from glucoloop.reproduction.parker1999.comparison import (
     DEVIATIONS,

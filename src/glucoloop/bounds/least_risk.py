@@ -38,9 +38,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-import scipy.special
 from jax.typing import ArrayLike
 
+from glucoloop._lazy_jax import scipy
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.bounds.optimal_doses import check_known_after, stages

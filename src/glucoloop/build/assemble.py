@@ -24,9 +24,10 @@ from glucoloop.patients import Patient
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import closed_loop
-from glucoloop.simulation.cohort import Accumulator, Cohort, CohortRun, People
+from glucoloop.simulation.cohort import Cohort, CohortRun, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
+from glucoloop.simulation.person_loop import Accumulator
 from glucoloop.simulation.plant import Integrator, SampleGrid
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation

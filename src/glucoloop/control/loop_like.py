@@ -20,6 +20,7 @@ import dataclasses
 import math
 from typing import Annotated, Any, Final, Literal, Self
 
+from glucoloop._disk_cache import keeps_result
 from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.component.pytree_component import derived
@@ -454,6 +455,7 @@ _LONGEST_MIN: Final = _INSULIN.delay_min + _INSULIN.action_min
 """Time after which nothing is on board, longer for insulin than for a meal."""
 
 
+@keeps_result
 def on_board_curves(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Parts of a dose and of a meal that are on board at whole samples after them, ``(samples,)``, the last ones 0."""
     t_min = sample_time_min * np.arange(np.ceil(_LONGEST_MIN / sample_time_min) + 1)

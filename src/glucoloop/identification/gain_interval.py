@@ -21,8 +21,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtr, stdtrit
 
+from glucoloop._lazy_jax import scipy
 from glucoloop.identification.impulse_response import from_rest
 
 Floats = npt.NDArray[np.float64]
@@ -112,10 +112,10 @@ def gain_interval(
     freedom = readings_mg_dl.size - unknown.shape[1]
 
     def end(share: float) -> float:
-        ends, beyond = means + stdtrit(freedom, share) * errors, 0.01 * errors.max()
+        ends, beyond = means + scipy.special.stdtrit(freedom, share) * errors, 0.01 * errors.max()
         return float(
             brentq(
-                lambda x: float(weights @ stdtr(freedom, (x - means) / errors)) - share,
+                lambda x: float(weights @ scipy.special.stdtr(freedom, (x - means) / errors)) - share,
                 ends.min() - beyond,
                 ends.max() + beyond,
             )

@@ -20,8 +20,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import null_space
 
+from glucoloop._lazy_jax import scipy
 from glucoloop.identification.impulse_response import from_rest
 from glucoloop.identification.laguerre import laguerre_functions
 
@@ -37,7 +37,7 @@ def subcutaneous_basis(pole: float, functions: int, memory: int) -> Floats:
     """Combinations ``(L, L - 2)`` of Laguerre functions that begin at 0 with a slope of 0; one of fewer than 3."""
     starting = min(_STARTING, functions - 1)
     rows = np.asarray(laguerre_functions(pole, functions, memory))[:, :starting].T
-    return np.eye(functions) if starting == 0 else null_space(rows)
+    return np.eye(functions) if starting == 0 else scipy.linalg.null_space(rows)
 
 
 def filtered_input(insulin_deviation: npt.ArrayLike, pole: float, functions: int) -> Floats:

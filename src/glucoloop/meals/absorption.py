@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._disk_cache import kept_result
 from glucoloop.meals.linear import LinearAbsorption, absorb_linearly, added_by_jump, linear_digestion
 from glucoloop.meals.moments import points_of_sample
 from glucoloop.meals.ode import OdeDigestion, absorb_by_equations, eaten_in_points
@@ -22,7 +23,7 @@ from glucoloop.meals.protocol import Eaten, Ingestion, MealModel, OdeMealModel
 from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets import FUSED, STRICT
-from glucoloop.native.targets.llvm.kernel import compile_kernel
+from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
 from glucoloop.sparse import Sparse
 
 
@@ -144,16 +145,10 @@ def _added(of_model: Any, inputs: int, step_min: float, products: str) -> Added:
     """Function that gives what jumps add, ``(jumps, 3 + states, people)``, for guts of one structure."""
     model = jax.tree.unflatten(of_model, [np.zeros(())] * of_model.num_leaves)
 
-    def one(model: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
-        del carry, shared, rng
-        since_min, size = own
-        return (), added_by_jump(model, since_min, size, step_min)
-
     try:
-        lowered = lower(one, model, (), (np.zeros(()), np.zeros(inputs)), (), as_written=products == STRICT)
+        kernel = kept_result(_kernel, model, inputs, step_min, products)
     except UnsupportedError:
         return _by_jax(step_min)
-    kernel = compile_kernel(lowered, products=products)
 
     def added(model: Any, since_min: Array, size: Array) -> Array:
         jumps, people = since_min.shape
@@ -168,6 +163,16 @@ def _added(of_model: Any, inputs: int, step_min: float, products: str) -> Added:
         return outputs[..., :people]
 
     return added
+
+
+def _kernel(model: Any, inputs: int, step_min: float, products: str) -> Kernel:
+    def one(model: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del carry, shared, rng
+        since_min, size = own
+        return (), added_by_jump(model, since_min, size, step_min)
+
+    lowered = lower(one, model, (), (np.zeros(()), np.zeros(inputs)), (), as_written=products == STRICT)
+    return compile_kernel(lowered, products=products)
 
 
 def _by_jax(step_min: float) -> Added:

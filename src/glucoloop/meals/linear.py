@@ -216,7 +216,7 @@ class _LinearDigestion:
         return state, jnp.stack(moments)
 
 
-@functools.partial(jax.jit, static_argnames=("substeps", "step_min"))
+@kept_jit(static_argnums=(1, 2))
 def linear_digestion(model: LinearMealModel, substeps: int, step_min: float) -> _LinearDigestion:
     """Compute the matrices of a step of a meal model."""
     weights = legendre(NODES).T * WEIGHTS

@@ -20,7 +20,7 @@ from glucoloop.control.protocol import Decision, Status
 from glucoloop.faults import Episode
 from glucoloop.patients.component import Sound
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, DoseLimits
-from glucoloop.simulation.cohort import SampledInside
+from glucoloop.simulation.person_loop import SampledInside
 from glucoloop.units import MIN_PER_H
 
 ROUNDING: Final = {"float64": 1e-9, "float32": 3e-5}

@@ -11,13 +11,14 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._disk_cache import NoNameError
 from glucoloop.native import primitives
 from glucoloop.native.functions import Functions
 from glucoloop.native.loops import LoopMaker, Values
@@ -41,6 +42,9 @@ class Drawing:
     """Equation, its inputs (`_RandomArray` or numbers), and its outputs."""
     results: Sequence[_RandomArray]
     """Arrays that the loop needs."""
+
+    def __reduce__(self) -> NoReturn:
+        raise NoNameError  # equations are objects of this process
 
     def __call__(self, *keys: Any) -> list[jax.Array]:
         """The wanted arrays, of one person at one sample; JAX can trace it."""

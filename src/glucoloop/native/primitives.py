@@ -17,8 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jax import lax
-from jax.extend import core
-from jax.extend.random import threefry_prng_impl
 
 CALLS: Final = {
     "jit": "jaxpr",
@@ -60,6 +58,8 @@ def _parameter(equation: Any, name: str) -> Any:
 
 def _closed(function: Any) -> Any:
     """The function with its constants."""
+    from jax.extend import core  # of some milliseconds, and where code that is kept is read nobody needs it
+
     return function if hasattr(function, "consts") else core.ClosedJaxpr(function, ())
 
 
@@ -97,7 +97,7 @@ def evaluated(
     values.update((variable, constant(array)) for variable, array in zip(jaxpr.constvars, closed.consts, strict=True))
 
     def read(atom: Any) -> Any:
-        if isinstance(atom, core.Literal):
+        if hasattr(atom, "val"):
             return constant(np.asarray(atom.val, getattr(atom.aval, "dtype", None)))
         return values[atom]
 
@@ -112,7 +112,9 @@ def of_keys(equation: Any) -> Any:
 
     It gives the words of the keys, or the bits, which the operation gives.
     """
-    name, prng = equation.primitive.name, threefry_prng_impl
+    from jax.extend.random import threefry_prng_impl as prng
+
+    name = equation.primitive.name
     if name not in ("random_bits", "random_split", "random_fold_in"):
         return None
     if equation.invars[0].aval.dtype != jax.eval_shape(jax.random.key, 0).dtype:
@@ -251,7 +253,7 @@ def exponent(equation: Any) -> int:
 def written_exponent(equation: Any) -> float | None:
     """The exponent of a ``pow`` that is written as a number; None if it is an array."""
     exponent = equation.invars[1]
-    return float(exponent.val) if isinstance(exponent, core.Literal) else None
+    return float(exponent.val) if hasattr(exponent, "val") else None
 
 
 def slice_sizes(equation: Any) -> tuple[int, ...]:

@@ -18,12 +18,13 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.catalogue import patient, patient_entry
-from glucoloop.patients.component import NOMINAL
+from glucoloop.patients.component import NOMINAL, PatientComponent
 from glucoloop.patients.protocol import Patient
 from glucoloop.patients.table import REPLACED, PeopleTable
 from glucoloop.patients.variation import Distribution, JointVariation, Values, Variation
@@ -356,20 +357,21 @@ def _usual_setpoint(name: str) -> float:
     return float(patient(name).setpoint_mg_dl)
 
 
-@functools.partial(jax.jit, static_argnames="name")
-def _known_people(name: str, values: dict[str, jax.Array], setpoint_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    people = patient_entry(name).build(values, jnp.nan, setpoint_mg_dl)
-    return rest_at(people, setpoint_mg_dl)
+@kept_jit(static_argnums=0)
+def _rest_of(
+    kind: type[PatientComponent], values: dict[str, jax.Array], setpoint_mg_dl: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    return rest_at(kind.build(values, jnp.nan, setpoint_mg_dl), setpoint_mg_dl)
 
 
 def _at_rest(name: str, drawn: Draw, setpoint_mg_dl: float) -> tuple[Values, Values]:
     """Basal rates ``(n,)`` and states ``(states, n)``, found for whole chunks, the last one filled by repetition."""
     n = drawn.person.size
     parts: list[tuple[Values, Values]] = []
-    setpoints = np.full(_CHUNK, float(setpoint_mg_dl))
+    kind, setpoints = patient_entry(name), np.full(_CHUNK, float(setpoint_mg_dl))
     for start in range(0, max(1, n), _CHUNK):  # nobody has as many states as anybody
         block = slice(start, min(start + _CHUNK, n))
         values = {name: np.resize(value[block], _CHUNK) for name, value in drawn.values.items()}
-        basal, rest = (np.asarray(part)[..., : block.stop - start] for part in _known_people(name, values, setpoints))
+        basal, rest = (np.asarray(part)[..., : block.stop - start] for part in _rest_of(kind, values, setpoints))
         parts.append((basal, rest))
     return np.concatenate([basal for basal, _ in parts]), np.concatenate([rest for _, rest in parts], axis=-1)

@@ -11,10 +11,9 @@ import importlib.resources
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
-import jinja2
 from markupsafe import Markup
 
 import glucoloop
@@ -24,6 +23,9 @@ from glucoloop.pages import colours, page_script, policy_source
 from glucoloop.reporting.columns import headings
 from glucoloop.situations.toml import toml_text, with_code
 from glucoloop.text import glucose_text, percent
+
+if TYPE_CHECKING:
+    import jinja2
 
 _FOOTER: Final = "Research software, not a medical device."
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.reporting"))) / "templates"
@@ -77,6 +79,8 @@ def render(
 
 @functools.cache
 def _environment(folder: Path) -> jinja2.Environment:
+    import jinja2  # where a page is written
+
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([folder, _SHARED]),
         autoescape=True,

@@ -10,30 +10,30 @@ import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import chosen, pytree, replaced, varying
+from glucoloop._pytree import pytree, varying
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller, gives_boluses, gives_glucagon
-from glucoloop.meals.absorption import Digestion
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.native.targets import FUSED
-from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, refuse_glucagon
+from glucoloop.patients.capabilities import refuse_glucagon
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
-from glucoloop.sensors import Reading, Sensor
+from glucoloop.sensors import Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
 from glucoloop.simulation.integrators import plants_of_people
-from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
+from glucoloop.simulation.loop import Loop
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
 from glucoloop.simulation.people_meals import PeopleMeals
-from glucoloop.simulation.plant import Exogenous, MinuteInputs, SampleGrid
+from glucoloop.simulation.person_loop import Accumulator, PersonLoop, PersonValues, SampledInside, SteppedRun, WholeRun
+from glucoloop.simulation.plant import MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import NEED_VALUES, needs_values
 from glucoloop.simulation.vector_stepper import MAX_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
 from glucoloop.units import MIN_PER_DAY
@@ -42,24 +42,6 @@ Array = npt.NDArray[Any]
 
 _PEOPLE_AT_ONCE: Final = 1024
 """Number of people of whom a piece of a run in native code has `MAX_AT_ONCE` samples; of fewer it has more."""
-
-
-@pytree
-class SampledInside(Sampled):
-    """Events of a sample, with the states of the loop before and after it."""
-
-    before: LoopState
-    after: LoopState
-
-
-class Accumulator(Protocol):
-    """Reduction of the loop as it runs, in place of a trace; a pytree."""
-
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
-        """State at the start of the run."""
-
-    def step(self, state: Any, happened: SampledInside, t_min: jax.Array) -> Any:
-        """State after a sample, which was taken at the time `t_min`."""
 
 
 @dataclass(frozen=True)
@@ -126,25 +108,6 @@ class _Counted:
         return jax.tree.map(lambda new, old: jnp.where(t_min < 0.0, new, old), begun, counted)
 
 
-@pytree
-class _Carry:
-    loop: LoopState
-    gut: jax.Array | None
-    """State of the gut; None where meals and guts are the same for all people."""
-    accumulator: Any
-
-
-@pytree
-class _PersonValues:
-    """Values that differ between people, people trailing."""
-
-    plant: list[jax.Array]
-    digestion: list[jax.Array]
-    controller: list[jax.Array]
-    sensor: list[jax.Array]
-    pump: list[jax.Array]
-
-
 class Cohort:
     """A closed loop compiled for people of one kind, who are like the `nominal` patient.
 
@@ -191,12 +154,10 @@ class Cohort:
         stepped: bool = False,
         rescue: RescueCarbs | None = None,
     ) -> None:
-        self._minute_inputs, self._stepped = tuple(minute_inputs), stepped
-        refuse_minute_inputs(nominal, MinuteInputs(**{name: np.zeros(0) for name in self._minute_inputs}))
-        self._records_decisions = record_decisions
-        self._nominal, self._announced = nominal, announced
+        self._minute_inputs, self._stepped, self._nominal = tuple(minute_inputs), stepped, nominal
+        inputs = MinuteInputs(**{name: np.zeros(0) for name in self._minute_inputs})
+        refuse_minute_inputs(nominal, inputs)
         self._warm_up, self._warm_up_min = grid.warm_up, grid.warm_up_min
-        self._fold: Accumulator = _Counted(accumulator=accumulator) if self._warm_up else accumulator
         grid = self._grid = dataclasses.replace(grid, start_min=start_min or 0.0).whole
         dual = gives_glucagon(controller)
         if dual:
@@ -216,28 +177,42 @@ class Cohort:
             own_announcements=own_announcements,
             products=products,
         )
-        self._single = Loop(
-            plant=self._plants.single,
-            controller=controller,
-            sensor=sensor,
-            pump=pump,
-            setpoint_mg_dl=jnp.asarray(float(setpoint_mg_dl)),
-            rescue=rescue and rescue.for_gut(eating.gut(nominal)),
-            announced_in_min=None if announced_in_min is None else jnp.asarray(float(announced_in_min)),
-        )
-        self._varies = {
-            "controller": varying(controller if varied_controller is None else varied_controller, controller),
-            "sensor": varying(sensor if varied_sensor is None else varied_sensor, sensor),
-            "pump": varying(pump if varied_pump is None else varied_pump, pump),
-        }
         self._shared = {"moments": eating.moments, "t_min": grid.t_min, "told": eating.announced_by_sample}
         if start_min is not None:
             self._shared["time_of_day_min"] = (grid.start_min + grid.t_min) % MIN_PER_DAY
         if self._warm_up:
             self._shared["counted_min"] = grid.t_min - self._warm_up_min
-        self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
-        self._end_people = jax.jit(jax.vmap(self._end, in_axes=-1))
-        self._look_at_people = jax.jit(jax.vmap(self._look, in_axes=(-1, -1, 0, None)))
+        times = self._shared.get("time_of_day_min")
+        one = self._one = PersonLoop(
+            loop=Loop(
+                plant=self._plants.single,
+                controller=controller,
+                sensor=sensor,
+                pump=pump,
+                setpoint_mg_dl=jnp.asarray(float(setpoint_mg_dl)),
+                rescue=rescue and rescue.for_gut(eating.gut(nominal)),
+                announced_in_min=None if announced_in_min is None else jnp.asarray(float(announced_in_min)),
+            ),
+            digestion=eating.digestion,
+            fold=_Counted(accumulator=accumulator) if self._warm_up else accumulator,
+            varies=(
+                tuple(self._plants.varies),
+                tuple(eating.varies),
+                *(
+                    tuple(varying(one if many is None else many, one))
+                    for many, one in ((varied_controller, controller), (varied_sensor, sensor), (varied_pump, pump))
+                ),
+            ),
+            own_gut=eating.individual,
+            announced=announced,
+            warm_up=bool(self._warm_up),
+            records_decisions=record_decisions,
+            minute_inputs=inputs,
+            start_time_of_day_min=None if times is None else jnp.asarray(times[0]),
+        )
+        self._begin_people = jax.jit(jax.vmap(one.begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
+        self._end_people = jax.jit(jax.vmap(one.end, in_axes=-1))
+        self._look_at_people = jax.jit(jax.vmap(one.look, in_axes=(-1, -1, 0, None)))
         self._engine = self._make_engine(engine, precision, products)
 
     @property
@@ -342,90 +317,24 @@ class Cohort:
         """Places for a number of people of a stepped cohort, each of whom is at a sample of their own."""
         return SteppedPeople(self._engine.lanes(number), number)
 
-    # one person
-
-    def _loop(self, person: _PersonValues) -> Loop:
-        """The loop with a person's own numbers in their places."""
-        parts = {
-            name: replaced(getattr(self._single, name), v, getattr(person, name)) for name, v in self._varies.items()
-        }
-        return dataclasses.replace(self._single, plant=self._plants.of(person.plant), **parts)
-
-    def _end(self, person: _PersonValues, x: Any) -> tuple[jax.Array, jax.Array]:
-        """Glucose of a state, and the lower end of the valid range of the model."""
-        patient = self._loop(person).plant.patient
-        return patient.glucose_mg_dl(x), jnp.asarray(lowest_valid_glucose_mg_dl(patient))
-
-    def _begin(self, person: _PersonValues, x: Any, insulin: Any, announced: Any, key: Any) -> tuple[_Carry, jax.Array]:
-        """State before the first sample, and the key of the person's readings."""
-        loop = self._loop(person)
-        times = self._shared.get("time_of_day_min")
-        state, reading_key = begin(loop, x, insulin, announced, key, None if times is None else jnp.asarray(times[0]))
-        glucose = loop.plant.patient.glucose_mg_dl(x)
-        gut = self._eating.digestion.init() if self._eating.individual else None
-        return _Carry(loop=state, gut=gut, accumulator=self._fold.init(glucose, insulin)), reading_key
-
-    def _step(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
-        """One sample: it outputs glucose and the delivered rate, and what is decided if it is asked for."""
-        gut, inputs = carry.gut, {**shared, **reaching}
-        moments = inputs["moments"]
-        if gut is not None:
-            own: Digestion = replaced(self._eating.digestion, self._eating.varies, person.digestion)
-            with jax.named_scope("meals"):
-                gut, moments = own.sample(gut, inputs["meals"])
-        announced = inputs["told"] if self._announced else jnp.zeros(())
-        (key, index), time = rng, inputs.get("time_of_day_min")
-        minute_inputs = MinuteInputs(**{name: inputs[name] for name in self._minute_inputs})
-        outside = Exogenous(t_min=inputs["t_min"], moments=moments, minute_inputs=minute_inputs)
-        state, happened = sample(self._loop(person), carry.loop, outside, announced, key, index, time)
-        with jax.named_scope("metrics"):
-            patient = self._loop(person).plant.patient
-            happened = dataclasses.replace(happened, basal_mU_min=jnp.asarray(patient.basal_insulin_mU_min))
-            inside = SampledInside(**vars(happened), before=carry.loop, after=state)
-            accumulator = self._fold.step(
-                carry.accumulator, inside, inputs["counted_min" if self._warm_up else "t_min"]
-            )
-        outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
-        if self._records_decisions:
-            outputs += _or_nan(happened.reading), happened.decision.status, happened.delivery.reported_mU_min
-        return _Carry(loop=state, gut=gut, accumulator=accumulator), outputs
-
-    def _look(self, person: _PersonValues, carry: _Carry, key: Any, index: Any) -> tuple[jax.Array, jax.Array]:
-        """Glucose, and the reading or NaN, at the coming sample."""
-        loop = self._loop(person)
-        _, reading, _ = look(loop, carry.loop, jnp.zeros(()), key, index)
-        return loop.plant.patient.glucose_mg_dl(carry.loop.x), _or_nan(reading)
-
-    def _step_apart(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> Any:
-        """One sample of a person who is stepped; it outputs what is seen at its end."""
-        # Native code takes what depends on the person alone out of the loop, and would round a dose there differently.
-        requested, own = reaching["asked"], person.controller[len(reaching["asked"]) :]
-        person = dataclasses.replace(person, controller=[*requested, *own])
-        after, outputs = self._step(person, carry, reaching, shared, rng)
-        with jax.named_scope("sensor"):
-            glucose, reading = self._look(person, after, rng[0], rng[1] + 1)
-        return after, (glucose, reading, outputs[1])
-
     def _make_engine(self, name: str | None, precision: str, products: str) -> Engine:
-        parts = {name: chosen(getattr(self._single, name), varies) for name, varies in self._varies.items()}
-        numbers = chosen(self._eating.digestion, self._eating.varies)
-        person = _PersonValues(plant=self._plants.values_of_nominal(), digestion=numbers, **parts)
+        person = self._one.values(self._one.loop, self._one.digestion)
         insulin = self._nominal.basal_insulin_mU_min
         rest = self._nominal.steady_state(insulin)
-        carry, key = jax.eval_shape(self._begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
+        carry, key = jax.eval_shape(self._one.begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
         reaching: dict[str, Any] = {name: np.zeros(self._grid.inside_min.size) for name in self._minute_inputs}
         if self._eating.individual:
-            reaching["meals"] = np.zeros(self._eating.digestion.inputs)
+            reaching["meals"] = np.zeros(self._one.digestion.inputs)
         if self._eating.announced_each:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
         if self._stepped:
-            external = self._single.controller
-            requested = parts["controller"][: 1 + gives_boluses(external) + gives_glucagon(external)]
+            external = self._one.loop.controller
+            requested = person.controller[: 1 + gives_boluses(external) + gives_glucagon(external)]
             reaching, shared = {**shared, **reaching, "asked": requested}, {}
         try:
             return make_engine(
-                self._step_apart if self._stepped else self._step,
+                (SteppedRun if self._stepped else WholeRun)(one=self._one),
                 person,
                 carry,
                 reaching,
@@ -436,24 +345,14 @@ class Cohort:
                 products=products,
             )
         except NEED_VALUES as error:
-            raise ArgumentTypeError(needs_values(type(self._single.controller).__name__, error)) from None
+            raise ArgumentTypeError(needs_values(type(self._one.loop.controller).__name__, error)) from None
 
-    # many people
-
-    def _values_of(self, people: People) -> _PersonValues:
+    def _values_of(self, people: People) -> PersonValues:
         """Values that differ between people."""
-
-        def part(name: str) -> list[jax.Array]:
-            brought = getattr(people, name)
-            return chosen(getattr(self._single, name) if brought is None else brought, self._varies[name])
-
-        return _PersonValues(
-            plant=self._plants.values_of(people.patient),
-            digestion=self._eating.values_of(people.patient),
-            controller=part("controller"),
-            sensor=part("sensor"),
-            pump=part("pump"),
-        )
+        names = ("controller", "sensor", "pump")
+        own = {name: getattr(people, name) for name in names if getattr(people, name) is not None}
+        loop = dataclasses.replace(self._one.loop, plant=self._plants.of(people.patient), **own)
+        return self._one.values(loop, self._eating.digestion_of(people.patient))
 
     def _inputs_of(self, people: People, n: int) -> tuple[Callable[[slice], dict[str, Any]], Array]:
         """Function of a piece of the run that gives the inputs of the first people, and what is announced first."""
@@ -468,7 +367,3 @@ class Cohort:
             return {**{name: getattr(minute_inputs, name) for name in self._minute_inputs}, **eaten(piece)}
 
         return inputs, first_announced
-
-
-def _or_nan(reading: Reading) -> jax.Array:
-    return jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)

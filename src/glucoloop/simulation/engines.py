@@ -17,9 +17,11 @@ argument      meaning                                                arrays give
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import jax
@@ -27,6 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._disk_cache import kept_result
 from glucoloop.native.flatten import Drawing
 from glucoloop.native.lower import Shapes, lower
 from glucoloop.native.primitives import UnsupportedError
@@ -36,9 +39,16 @@ from glucoloop.native.words import lower_drawing
 from glucoloop.refusal import Refusal
 from glucoloop.sparse import Sparse, dense
 
-Draws = Callable[[npt.NDArray[np.uint32], npt.NDArray[Any], int], npt.NDArray[np.float64]]
-"""Function of the words of keys ``(people, 2)``, the first sample of each person ``(people,)`` and the number of
-samples, that gives the numbers drawn, ``(samples, numbers, people)``."""
+
+class Draws(Protocol):
+    """Function that draws the numbers of people."""
+
+    def __call__(self, words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
+        """Numbers ``(samples, numbers, people)`` by the words of keys ``(people, 2)``.
+
+        `first` is the first sample of each person, ``(people,)``.
+        """
+
 
 one_at_a_time = threading.RLock()
 """Lock held while JAX computes: on the CPU two of its programs in two threads can deadlock."""
@@ -55,35 +65,39 @@ def draws(drawing: Drawing, key: Any, products: str) -> Draws | None:
     try:
         lowered = lower_drawing(drawing, key, jnp.zeros((), int), as_written=products == STRICT)
     except UnsupportedError:
-        return _by_jax(drawing)
-    return _by_kernel(compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered)))
+        return _ByJax(drawing)
+    return _ByKernel(compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered)))
 
 
-def _by_kernel(kernel: Kernel) -> Draws:
-    def draw(words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
-        people, columns = first.size, kernel.padded(first.size)
+@dataclass(frozen=True)
+class _ByKernel:
+    kernel: Kernel
+
+    def __call__(self, words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
+        kernel, people, columns = self.kernel, first.size, self.kernel.padded(first.size)
         person, index = np.zeros((kernel.sizes["person"], columns)), np.zeros((1, columns))
         person[:, :people], index[:, :people] = words.T, first
         drawn = np.empty((samples, kernel.sizes["outputs"], columns))
         kernel.run(person, index, np.zeros((samples, 0, columns)), np.zeros((samples, 0)), drawn)
         return drawn[..., :people]
 
-    return draw
 
+@dataclass(frozen=True)
+class _ByJax:
+    drawing: Drawing
 
-def _by_jax(drawing: Drawing) -> Draws:
-    def of_one(words: Any, index: Any) -> list[jax.Array]:
-        return drawing(jax.random.wrap_key_data(words), index)
-
-    of_samples = jax.jit(jax.vmap(jax.vmap(of_one, out_axes=-1), in_axes=(None, 0)))
-
-    def draw(words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
+    def __call__(self, words: npt.NDArray[np.uint32], first: npt.NDArray[Any], samples: int) -> npt.NDArray[np.float64]:
         with one_at_a_time:
-            drawn = of_samples(words, np.arange(samples)[:, None] + first)
+            drawn = self._of_samples(words, np.arange(samples)[:, None] + first)
             parts = [np.asarray(part, np.float64).reshape(samples, -1, first.size) for part in drawn]
         return np.concatenate(parts, axis=1)
 
-    return draw
+    @functools.cached_property
+    def _of_samples(self) -> Callable[..., list[jax.Array]]:
+        def of_one(words: Any, index: Any) -> list[jax.Array]:
+            return self.drawing(jax.random.wrap_key_data(words), index)
+
+        return jax.jit(jax.vmap(jax.vmap(of_one, out_axes=-1), in_axes=(None, 0)))
 
 
 Array = npt.NDArray[Any]
@@ -184,12 +198,8 @@ class NativeEngine:
 
     def __init__(self, step: Step, example: tuple[Any, ...], precision: str, products: str = FUSED) -> None:
         self.precision = precision
-        person, carry, reaching, shared, key = example
-        rng = key, jnp.zeros((), int)
-        lowered = lower(step, person, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
-        self._kernel = compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered))
-        self._draw = draws(lowered.drawing, key, products)
-        self._shapes = lowered.shapes
+        shapes = jax.eval_shape(lambda *parts: parts, *example)
+        self._kernel, self._draw, self._shapes = kept_result(_native_code, step, shapes, precision, products)
 
     def run(
         self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, first: int = 0, threads: int = 1
@@ -214,6 +224,17 @@ class NativeEngine:
     def lanes(self, number: int) -> Lanes:
         """Places for people in the arrays of the kernel; see `Engine.lanes`."""
         return _NativeLanes(self._kernel, self._shapes, self._draw, number)
+
+
+def _native_code(
+    step: Step, example: tuple[Any, ...], precision: str, products: str
+) -> tuple[Kernel, Draws | None, Shapes]:
+    """Code of a sample, what draws its random numbers, and the trees that it takes and returns."""
+    person, carry, reaching, shared, key = example
+    rng = key, jnp.zeros((), int)
+    lowered = lower(step, person, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
+    kernel = compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered))
+    return kernel, draws(lowered.drawing, key, products), lowered.shapes
 
 
 class _NativeLanes:

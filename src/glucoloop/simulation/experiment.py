@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._disk_cache import keeps_result
 from glucoloop._kept_programs import kept_jit
+from glucoloop._pytree import chosen, replaced
 from glucoloop.arguments import checked, on_host, random_key
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.control.design_case import check_sample_time
@@ -297,7 +298,7 @@ class PulseExperiment:
         carry, key = self._begin(x, jax.random.key(0))
         self._engine = make_engine(
             self._step,
-            self._plants.values_of_nominal(),
+            chosen(self._plants.single, self._plants.varies),
             carry,
             jnp.zeros(()),
             jnp.zeros(()),
@@ -312,7 +313,8 @@ class PulseExperiment:
         return (x, self._sensor.init(glucose, sensor_key)), reading_key
 
     def _step(self, values: Any, carry: Any, insulin: Any, shared: Any, rng: Any) -> tuple[Any, jax.Array]:
-        plant, (x, in_sensor), (key, index) = self._plants.of(values), carry, rng
+        (x, in_sensor), (key, index) = carry, rng
+        plant = replaced(self._plants.single, self._plants.varies, values)
         glucose = seen_mg_dl(plant.patient, x, site_of(self._sensor))
         in_sensor, reading = self._sensor.read(in_sensor, glucose, jax.random.fold_in(key, index))
         x, _ = plant.advance(x, insulin, Exogenous(t_min=shared, moments=self._fasting))
@@ -327,5 +329,6 @@ class PulseExperiment:
         carry, keys = self._begin_people(jnp.asarray(x), key)
         rates = np.concatenate([insulin_mU_min, insulin_mU_min[-1:]])  # what follows the last reading is not looked at
         times = self._sample_time_min * np.arange(rates.shape[0])
-        _, readings = self._engine.run(self._plants.values_of(patient), carry, rates, times, keys)
+        values = chosen(self._plants.of(patient), self._plants.varies)
+        _, readings = self._engine.run(values, carry, rates, times, keys)
         return np.asarray(readings, np.float64)

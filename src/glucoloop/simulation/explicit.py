@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop._pytree import chosen, pytree, replaced, static, varying
+from glucoloop._pytree import pytree, static, varying
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import at_start_middle_end
@@ -204,17 +203,8 @@ class ExplicitPeople:
         per_point = max(Explicit().steps_per_point(varied, grid), math.ceil((substeps or 0) / points))
         self.single = plant_with(nominal, per_point, grid)
         self.step_min, self.substeps = self.single.step_min, per_point * points
-        self._varies = [*varying(varied, nominal), False]
+        self.varies = [*varying(varied, nominal), False]
 
-    def values_of(self, patient: Patient) -> list[jax.Array]:
-        """Values that differ between people, as a list of arrays with people trailing."""
-        return chosen(ExplicitPlant(**{**vars(self.single), "patient": patient}), self._varies)
-
-    def values_of_nominal(self) -> list[jax.Array]:
-        """Values of the nominal patient in the same form, as an example of one person."""
-        return chosen(self.single, self._varies)
-
-    def of(self, values: Sequence[jax.Array]) -> ExplicitPlant:
-        """Plant of one person."""
-        plant: ExplicitPlant = replaced(self.single, self._varies, values)
-        return plant
+    def of(self, patient: Patient) -> ExplicitPlant:
+        """Plants of people."""
+        return ExplicitPlant(**{**vars(self.single), "patient": patient})

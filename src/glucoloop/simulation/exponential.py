@@ -27,9 +27,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 
 from glucoloop._disk_cache import kept_result
+from glucoloop._lazy_jax import scipy
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption
@@ -147,8 +147,15 @@ def _working_state(patient: SemilinearPatient) -> jax.Array:
 @functools.lru_cache(maxsize=64)
 def _design(linearisation: Content, h: float, dense_times_min: Content) -> Matrices:
     """Cached design of the same patient, since matrix exponentials cost more than a day of closed loop."""
-    T, K, A, b, row = linearisation.tree
-    L, dense_times = T + K, dense_times_min.tree
+    arrays = kept_result(_arrays, *linearisation.tree, h, dense_times_min.tree)
+    return Matrices(**jax.device_put(arrays))  # jnp.asarray compiles a program for each shape
+
+
+def _arrays(
+    T: Matrix, K: Matrix, A: Matrix, b: Matrix, row: Matrix, h: float, dense_times: tuple[Matrix, ...]
+) -> dict[str, npt.NDArray[Any]]:
+    """Matrices of a step by their names."""
+    L = T + K
     d = A.shape[0]
     augmented = np.zeros((d + 1, d + 1))
     augmented[:d, :d], augmented[:d, d] = A, b
@@ -162,7 +169,7 @@ def _design(linearisation: Content, h: float, dense_times_min: Content) -> Matri
         for position, t in enumerate(times):
             rows[position] = row @ _quadratic_weights(L, h, t / h)
     wanted = [i * most + position for i, times in enumerate(dense_times) for position in range(times.size)]
-    arrays = {
+    return {
         "driven_end": scipy.linalg.expm(h * augmented)[:d],
         "driven_gauss": np.einsum("gf,fij->gij", _PROJECT_ON_GAUSS, path),
         "beyond_transport": K,
@@ -172,7 +179,6 @@ def _design(linearisation: Content, h: float, dense_times_min: Content) -> Matri
         "dense": dense,
         "wanted": np.asarray(wanted),
     }
-    return Matrices(**jax.device_put(arrays))  # jnp.asarray compiles a program for each shape
 
 
 def step(

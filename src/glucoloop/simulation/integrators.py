@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Protocol
-
-import jax
 
 from glucoloop.arguments import is_traced
 from glucoloop.native.targets import FUSED
@@ -38,14 +35,11 @@ class PlantsOfPeople(Protocol):
     substeps: int
     """Steps of a sample."""
 
-    def values_of(self, patient: Any) -> list[jax.Array]:
-        """Values that differ between people, as a list of arrays with people trailing."""
+    varies: list[bool]
+    """Whether each leaf of a plant differs between people."""
 
-    def values_of_nominal(self) -> list[jax.Array]:
-        """Values of the nominal patient in the same form, as an example of one person."""
-
-    def of(self, values: Sequence[jax.Array]) -> Any:
-        """Plant of one person."""
+    def of(self, patient: Any) -> Any:
+        """Plants of people, numbers trailing."""
 
 
 def plants_of_people(

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import chosen, varying
+from glucoloop._pytree import varying
 from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
@@ -62,9 +62,9 @@ class PeopleMeals:
         self._meals, self._grid, self._warm_up_min, self._instead = meals, grid, warm_up_min, instead
         self._substeps, self._step_min, self._products = substeps, grid.sample_time_min / substeps, products
         one, varied_gut = self.gut(nominal), self.gut(varied)
-        self.digestion: Digestion = self._digestion(one)
+        self.digestion = self.digestion_of(nominal)
         """Digestion of the nominal patient."""
-        self.varies = varying(self._digestion(varied_gut), self.digestion)
+        self.varies = varying(self.digestion_of(varied), self.digestion)
         """Truths that tell which of its numbers differ between people."""
         self.individual = meals is None or any(varying(varied_gut, one))
         """Whether each person has a gut in the loop, for meals or guts differ."""
@@ -83,9 +83,9 @@ class PeopleMeals:
         """Meal model of a patient in this cohort."""
         return meal_model_of(patient, self._instead)
 
-    def values_of(self, patient: Patient) -> list[jax.Array]:
-        """Numbers of people's digestion that differ between them, people trailing."""
-        return chosen(self._digestion(self.gut(patient)), self.varies)
+    def digestion_of(self, patient: Patient) -> Digestion:
+        """Digestion of people, numbers trailing."""
+        return digestion(self.gut(patient), self._substeps, self._step_min)
 
     def inputs(
         self,
@@ -126,9 +126,6 @@ class PeopleMeals:
             return reaching
 
         return inputs, announced.of(slice(0, 1)).dense()[0] if self.announced_each else np.zeros(people)
-
-    def _digestion(self, gut: MealModel) -> Digestion:
-        return digestion(gut, self._substeps, self._step_min)
 
     def _in_loop(self, meals: Eaten) -> Eaten:
         """Meals with times from the beginning of the warm-up."""

@@ -29,7 +29,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import chosen, replaced, varying
+from glucoloop._disk_cache import kept_result
+from glucoloop._pytree import varying
 from glucoloop.native.lower import lower
 from glucoloop.native.targets import FUSED, STRICT
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
@@ -78,6 +79,10 @@ def _driven_norm(single: SemilinearPatient, z: jax.Array) -> jax.Array:
 
 @functools.lru_cache(maxsize=4)
 def _kernels(states: int, products: str) -> tuple[Kernel, Kernel]:
+    return kept_result(_compiled, states, products)
+
+
+def _compiled(states: int, products: str) -> tuple[Kernel, Kernel]:
     """One term of the series, and one doubling, of matrices without their last row, which is known."""
     rows, number = np.zeros((states, states + 1)), np.zeros(())
 
@@ -186,7 +191,7 @@ class PeoplePlant:
         self._driven_varies = _depends(lambda p: p.driven_derivative(z, jnp.zeros(())), nominal, patient_varies)
         self._doublings = doublings_for(nominal, self.step_min)
         self.single = ExponentialPlant(patient=nominal, matrices=matrices)
-        self._varies = [*patient_varies, *self._matrices_vary()]
+        self.varies = [*patient_varies, *self._matrices_vary()]
 
     def _matrices_vary(self) -> list[bool]:
         varies: list[bool] = []
@@ -195,8 +200,8 @@ class PeoplePlant:
             varies += [self._driven_varies and field.name.startswith("driven")] * numbers
         return varies
 
-    def values_of(self, patient: SemilinearPatient) -> list[jax.Array]:
-        """Values that differ between people, as a list of arrays with people trailing."""
+    def of(self, patient: SemilinearPatient) -> ExponentialPlant:
+        """Plants of people, numbers trailing."""
         matrices = self.single.matrices
         if self._driven_varies:
             end, gauss = driven_matrices(
@@ -207,16 +212,7 @@ class PeoplePlant:
                 products=self._products,
             )
             matrices = dataclasses.replace(matrices, driven_end=jnp.asarray(end), driven_gauss=jnp.asarray(gauss))
-        return chosen(ExponentialPlant(patient=patient, matrices=matrices), self._varies)
-
-    def values_of_nominal(self) -> list[jax.Array]:
-        """Values of the nominal patient in the same form, as an example of one person."""
-        return chosen(self.single, self._varies)
-
-    def of(self, values: Sequence[jax.Array]) -> ExponentialPlant:
-        """Plant of one person."""
-        plant: ExponentialPlant = replaced(self.single, self._varies, values)
-        return plant
+        return ExponentialPlant(patient=patient, matrices=matrices)
 
 
 @compiled_by_class

@@ -25,9 +25,9 @@ from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
-from glucoloop.simulation.cohort import Accumulator
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
+from glucoloop.simulation.person_loop import Accumulator
 from glucoloop.trials.people import PeopleRows, block_size, in_blocks
 from glucoloop.trials.statistics import bin_numbers, glucose_edges, insulin_edges
 from glucoloop.trials.trial import MIN_BLOCK, Trial, fingerprint, profile_columns

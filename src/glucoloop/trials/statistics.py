@@ -26,6 +26,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._lazy_jax import scipy
 from glucoloop.trials.people import PeopleRows
 
 Floats = npt.NDArray[np.float64]
@@ -256,15 +257,11 @@ def people_for(half_width: float, sd: float) -> int | None:
 
 
 def _student(people: int) -> float:
-    from scipy import stats
-
-    return float(stats.t.ppf(0.5 + CONFIDENCE_PCT / 200.0, people - 1))
+    return float(scipy.special.stdtrit(people - 1, 0.5 + CONFIDENCE_PCT / 200.0))
 
 
 def _normal() -> float:
-    from scipy import stats
-
-    return float(stats.norm.ppf(0.5 + CONFIDENCE_PCT / 200.0))
+    return float(scipy.special.ndtri(0.5 + CONFIDENCE_PCT / 200.0))
 
 
 class PairedDifferences:

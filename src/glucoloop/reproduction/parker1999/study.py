@@ -18,7 +18,7 @@ from glucoloop.patients import OPERATING_POINTS
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import plot, plot_identification, plot_validation
 from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_table
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.reporting.sse_surface import plot_surface
 from glucoloop.reporting.template import render
 from glucoloop.reproduction.parker1999 import PAPER_CONTROLLERS, Reproduction

@@ -16,7 +16,7 @@ from glucoloop.reporting import _style
 from glucoloop.reporting._style import FONT_PT, GREY, OKABE_ITO
 from glucoloop.reporting.columns import Column, FittingTable, decimals, terminal_table, whole
 from glucoloop.reporting.descriptions import engine_facts
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.sensors import whole_samples
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.run import intravenous_boluses

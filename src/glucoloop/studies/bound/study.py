@@ -18,8 +18,8 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.reporting import _style
 from glucoloop.reporting.charts import extent
 from glucoloop.reporting.columns import Column, FittingTable, decimals, terminal_table
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.reporting.labelled_traces import validity_sentence
-from glucoloop.reporting.print_figure import figure_files
 from glucoloop.situations.run import Run
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound import BoundRequest

@@ -32,8 +32,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import scipy.stats
 
+from glucoloop._lazy_jax import scipy
 from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, GriddedRecord, apart
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, stretches
 from glucoloop.refusal import Refusal

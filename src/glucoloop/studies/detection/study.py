@@ -22,7 +22,7 @@ from glucoloop.reporting.columns import (
     whole,
 )
 from glucoloop.reporting.descriptions import engine_facts
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.storage.results import Results
 from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.evaluate import ENGINE, JUDGED_AFTER_MIN, QUANTILES, Scores, evaluate

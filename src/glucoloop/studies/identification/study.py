@@ -34,7 +34,7 @@ from glucoloop.records.reading import reader_that_knows
 from glucoloop.refusal import Refusal
 from glucoloop.reporting import plot_identification, plot_validation
 from glucoloop.reporting.columns import MetricRow, lines_table
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.sensors import Sensor
 from glucoloop.simulation import excite
 from glucoloop.situations.toml import toml_text

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import polars as pl
-from scipy import stats
+from scipy.special import stdtrit
 
 from glucoloop.reporting.columns import Column, Row, decimals, measured, terse_percent, whole
 from glucoloop.text import glucose_text
@@ -179,7 +179,7 @@ _MORE: Final = {
 def factors(numbers_of_pairs: pl.Series) -> pl.Series:
     """Factors by which the standard error of a mean of so many differences gives half of the interval."""
     free = np.maximum(numbers_of_pairs.to_numpy().astype(float) - 1.0, 1.0)
-    return pl.Series(stats.t.ppf(_INTERVAL[1], free))
+    return pl.Series(stdtrit(free, _INTERVAL[1]))
 
 
 def line_table(
@@ -271,7 +271,7 @@ def _of_means(risk: Array, best: int, second: int) -> tuple[float, float]:
     difference = risk[:, second] - risk[:, best]
     if difference.size < 2:
         return -math.inf, math.inf
-    half = stats.t.ppf(_INTERVAL[1], difference.size - 1) * difference.std(ddof=1) / math.sqrt(difference.size)
+    half = stdtrit(difference.size - 1, _INTERVAL[1]) * difference.std(ddof=1) / math.sqrt(difference.size)
     return float(difference.mean() - half), float(difference.mean() + half)
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import Column, FittingTable, Row, headings, terminal_table
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.reporting.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
-from glucoloop.reporting.print_figure import figure_files
 from glucoloop.reporting.template import render
 from glucoloop.situations.case import label_of
 from glucoloop.storage.results import Results

@@ -159,7 +159,7 @@ def _rows_table(head: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> A
 
 def files_of(config: RecordRequest, results: Results) -> dict[str, bytes]:
     """The page, and the figure."""
-    from glucoloop.reporting.print_figure import figure_files
+    from glucoloop.reporting.figure_files import figure_files
     from glucoloop.reporting.record_figure import plot_records
 
     records, goals = results.extra.records, GOALS[config.goals]

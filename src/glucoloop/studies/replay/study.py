@@ -24,7 +24,7 @@ from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, terminal_table
 from glucoloop.reporting.days_figure import DayTraces, days_plot, plot_days
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.reporting.template import render
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun

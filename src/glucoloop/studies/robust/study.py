@@ -16,7 +16,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.reporting import _style
 from glucoloop.reporting._style import FONT_PT, GREY
 from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_table
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text

@@ -21,7 +21,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.reporting import Repeat, comparison_table, interactive_page, metrics_table, plot
 from glucoloop.reporting.columns import Column, terminal_table
 from glucoloop.reporting.descriptions import comparison_facts, run_facts
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.simulation import Trace
 from glucoloop.situations.run import Run
 from glucoloop.situations.therapy_text import NUMBERS, read_change

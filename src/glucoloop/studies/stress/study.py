@@ -27,8 +27,8 @@ from glucoloop.reporting.columns import (
     whole_glucose,
 )
 from glucoloop.reporting.descriptions import controllers_facts, engine_facts, short_names, trial_facts
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.reporting.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
-from glucoloop.reporting.print_figure import figure_files
 from glucoloop.reporting.template import render
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm

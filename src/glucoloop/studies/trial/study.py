@@ -19,7 +19,7 @@ from glucoloop.reporting.descriptions import (
     person_in_words,
     trial_facts,
 )
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
 from glucoloop.storage.results import Results
 from glucoloop.studies.trial import TrialRequest
@@ -124,7 +124,7 @@ def results_of(config: TrialRequest, folder: TrialFolder) -> Results:
         length_min=config.horizon_min,
         start_min=config.start_min or 0.0,
         repeat=Repeat("trial --config trial.toml", config.tree(whole=True), _FILES, explicit=config.tree()),
-        cases={label: _case_report(config, label, summary, bands[label]) for label in numbers["controllers"]},
+        cases={label: _case_report(prepared, label, summary, bands[label]) for label in numbers["controllers"]},
         reference=numbers["differences"]["reference"],
         differences=list(difference_rows(config, numbers)),
         conclusions=list(sentences(config, Results(numbers, {}))),
@@ -181,7 +181,10 @@ def _band_tables(trial: Trial, bands: Bands) -> Iterator[pl.DataFrame]:
             yield table.select(pl.lit(label).alias("controller"), pl.lit(quantity).alias("quantity"), pl.all())
 
 
-def _case_report(trial: Trial, label: str, summary: TrialSummary, bands: Mapping[str, Any]) -> CaseReport:
+def _case_report(
+    prepared: engine.PreparedTrial, label: str, summary: TrialSummary, bands: Mapping[str, Any]
+) -> CaseReport:
+    trial = prepared.trial
     t_min, plain = times(trial), summary.plain["controllers"][label]
     metrics = plain["metrics"]
     low = {int(name.removesuffix("_mg_dl")): share for name, share in plain["ever_below"].items()}
@@ -202,7 +205,7 @@ def _case_report(trial: Trial, label: str, summary: TrialSummary, bands: Mapping
         cvga_counts=summary.cvga_counts[label],
         time_in_range_pct=ranges_pct(lambda metric: metrics[metric]["mean"]),
         table=dict(_page_numbers(trial, plain)),
-        worst=_worst(trial, label, plain["worst"]),
+        worst=_worst(prepared, label, plain["worst"]),
         ever_below={limit: (share["people"], share["share_pct"]) for limit, share in low.items()},
         not_finite=plain["not_finite"]["count"],
         weeks=plain.get("weeks", ()),
@@ -235,7 +238,7 @@ def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[tupl
     yield ("People ever below the valid range of the model", ""), str(plain["below_validity"]["count"])
 
 
-def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
+def _worst(prepared: engine.PreparedTrial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
     """People with the worst outcomes, with their traces; a person is the same in every simulation.
 
     Of a long run they have the week with the minimum glucose.
@@ -243,7 +246,7 @@ def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> lis
     if not people:
         return []
     worst = np.array([person["person"] for person in people], np.int64)
-    again = engine.run_people(engine.prepare(trial), label, worst, traces=True)
+    trial, again = prepared.trial, engine.run_people(prepared, label, worst, traces=True)
     if again.glucose_mg_dl is None or again.insulin_mU_min is None:
         raise TypeError("traces were asked for, but the engine gave none")
     results = []

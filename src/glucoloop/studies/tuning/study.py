@@ -18,7 +18,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.reporting import Repeat
 from glucoloop.reporting.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.reporting.descriptions import run_facts
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.reporting.sse_surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.reporting.template import render
 from glucoloop.storage.model_file import ModelFile

@@ -16,7 +16,7 @@ from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import Column, FittingTable, terminal_table
 from glucoloop.reporting.days_figure import DayTraces, days_plot, plot_days
-from glucoloop.reporting.print_figure import figure_files
+from glucoloop.reporting.figure_files import figure_files
 from glucoloop.reporting.template import render
 from glucoloop.situations.population import population_keys
 from glucoloop.storage.results import Results

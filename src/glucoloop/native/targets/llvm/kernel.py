@@ -91,6 +91,7 @@ class Kernel:
     """Compiled code; see `compile_kernel`."""
 
     def __init__(self, text: str, precision: str, sizes: dict[str, int], lanes: int, room: int) -> None:
+        self._made_of = text, precision, sizes, lanes, room
         self.precision = precision
         self.dtype: Final = np.dtype(precision)
         self.lanes = lanes
@@ -101,6 +102,9 @@ class Kernel:
             self._engine, address = _compiled(text)
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
         self._call = ctypes.CFUNCTYPE(None, *[pointer] * 6, *[whole] * 4)(address)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Kernel, self._made_of
 
     def padded(self, people: int) -> int:
         """Number of columns of arrays for a number of people."""
