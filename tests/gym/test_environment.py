@@ -8,13 +8,16 @@ import subprocess
 import sys
 
 import gymnasium
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import glucoloop as gl
 import glucoloop.gym.people
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, static
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.component.effects import NoEffectWarning
 from glucoloop.control.protocol import Decision
 from glucoloop.gym import ENVIRONMENT
@@ -436,3 +439,72 @@ def test_environments_in_processes_of_their_own(context):
         np.testing.assert_array_equal(apart.step(action)[0], here.step(action)[0])
     finally:
         apart.close(terminate=True)
+
+
+DUAL = {"patient": "wilinska-2010-glucagon", "glucagon": True, "meals": ["20g@30min"], "sensor": []}
+
+
+@pytest.mark.long
+def test_an_agent_gives_glucagon():
+    env = made(**DUAL).unwrapped
+    assert env.action_names == ("basal_U_h", "bolus_U", "glucagon_ug")
+    assert env.observation_names[-1] == "glucagon_ug"
+    assert float(env.action_space.high[2]) == 300.0
+    without = made(**{**DUAL, "glucagon": False}).unwrapped
+    assert "glucagon_ug" not in (*without.action_names, *without.observation_names)
+    env.reset(seed=3)
+    without.reset(seed=3)
+    glucose, seen_ug = [], []
+    for sample in range(24):
+        dose_ug = 100.3 if sample == 4 else np.nan if sample == 9 else 0.0
+        observation, *_, info = env.step(np.array([0.5, 0.0, dose_ug]))
+        *_, plain = without.step(np.array([0.5, 0.0]))
+        glucose.append((info["glucose_mg_dl"], plain["glucose_mg_dl"]))
+        seen_ug.append(float(observation[-1]))
+    dual, alone = np.array(glucose).T
+    assert np.flatnonzero(seen_ug).tolist() == [4]
+    assert seen_ug[4] == 100.0  # in whole steps of 0.5 ug
+    np.testing.assert_allclose(dual[:4], alone[:4], rtol=1e-9)
+    assert (dual - alone)[4:].max() > 20.0
+    assert env.people.engine == "native"
+
+
+@pytest.mark.long
+def test_doses_of_glucagon_of_an_agent_are_those_of_the_loop():
+    """Of one person, beside the loop of a run in which a controller gives the same."""
+
+    @pytree
+    class Given:
+        rate_mU_min: jnp.ndarray
+        sample_time_min: float = static(default=5.0)
+        gives_boluses = gives_glucagon = True
+
+        def init(self, observation):
+            return jnp.zeros_like(observation.delivered_mU_min)
+
+        def step(self, state, observation):
+            glucagon_ug = jnp.where(state == 4, 100.0, 0.0)
+            status, none = jnp.asarray(0), jnp.zeros(())
+            decision = Decision(insulin_mU_min=self.rate_mU_min, status=status, bolus_mU=none, glucagon_ug=glucagon_ug)
+            return state + 1, decision
+
+    env = made(**DUAL, people=1).unwrapped
+    env.reset(seed=5)
+    course = [env.step(np.array([0.5, 0.0, 100.0 if sample == 4 else 0.0]))[-1] for sample in range(24)]
+    trial = env.people.trial
+    person = people_of(trial, [0])
+    patient = jax.tree.map(lambda leaf: leaf[..., 0] if jnp.ndim(leaf) else leaf, person.patient)
+    controller = Given(rate_mU_min=jnp.asarray(0.5 * 1000.0 / 60.0))
+    scenario = gl.Scenario([gl.Meal(20.0, 30.0)], 120.0, setpoint_mg_dl=trial.target_mg_dl)
+    pump = surroundings_of(trial).pump
+    trace = gl.simulate(patient, controller, pump=pump, scenario=scenario)
+    np.testing.assert_allclose(
+        [info["glucose_mg_dl"] for info in course], trace.fine_glucose_mg_dl[5::5], rtol=0.0, atol=1e-6
+    )
+
+
+def test_glucagon_that_is_not_possible_is_refused():
+    with pytest.raises(Refusal, match="glucagon is 'threshold', but the agent decides on it; give True or False"):
+        made(**{**DUAL, "glucagon": "threshold"})
+    with pytest.raises(Refusal, match="no infusion of glucagon"):
+        made(**{**DUAL, "patient": "hovorka-2004"})

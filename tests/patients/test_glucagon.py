@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import glucoloop as gl
 from given_glucagon import GivenGlucagon
 from glucoloop.patients import Inputs
+from glucoloop.patients.hovorka import glucagon
 from glucoloop.pumps import GlucagonLimits, LimitedPump
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Adaptive, Explicit
@@ -187,3 +188,29 @@ def test_published_responses(subcutaneous):
             assert 10.0 <= to_glucagon <= 20.0
     lowest, _, _ = rise_mmol_l(subcutaneous, 8.0, 110.0)
     assert f"{lowest:.2f} mmol/l" in PAGE.read_text()
+
+
+@pytest.mark.long
+def test_rises_of_fasting_people_and_of_people_with_insulin(subcutaneous):
+    """Haymond et al. (2016), means: near them for fasting people, and above them where insulin acts."""
+    rows = []
+    for dose_ug, (fasting, with_insulin) in {75.0: (33, 19), 150.0: (64, 24), 300.0: (95, 43)}.items():
+        high, low = (rise_mmol_l(subcutaneous, start / MMOL_L, dose_ug)[0] * MMOL_L for start in (110.0, 70.0))
+        rows.append(f"| {dose_ug:.0f} | {fasting} | {high:.1f} | {with_insulin} | {low:.1f} |")
+        assert abs(high / fasting - 1.0) < 0.2
+        assert low > 1.5 * with_insulin
+    assert "\n".join(rows) in PAGE.read_text()
+
+
+@pytest.mark.long
+def test_production_in_an_hour(subcutaneous):
+    """El Youssef et al. (2014): within the printed spread at little insulin, and not at much."""
+    parts = []
+    for dose_ug, (low, high) in {25.0: ((5, 68), (19, 53)), 175.0: ((112, 152), (26, 38))}.items():
+        trace = course(subcutaneous, dose_ug, start_mg_dl=100.0, horizon_min=60.0)
+        rates = glucagon.production(glucagon.MCGILL_2020, jnp.asarray(trace.states[:, 9:11].T))
+        produced = np.trapezoid(np.asarray(rates), dx=5.0) * 10.0 * MMOL_L / WEIGHT_KG
+        assert abs(produced - low[0]) <= low[1]
+        assert (abs(produced - high[0]) <= high[1]) == (dose_ug == 25.0)
+        parts.append(f"{produced:.0f}")
+    assert f"inside with {' and '.join(parts)};" in PAGE.read_text()

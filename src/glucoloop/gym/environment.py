@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._lazy_jax import jnp
 from glucoloop.component.effects import (
     AHEAD,
     ANNOUNCEMENTS,
@@ -85,6 +86,10 @@ class _Situation:
             self.action_names += ("bolus_U",)
             bolus_U = float(trial.bolus.max_mU) / MU_PER_U
             low, high, most_U = [*low, 0.0], [*high, bolus_U], most_U + bolus_U
+        self._pump = trial.glucagon_limits
+        if self._pump is not None:
+            self.action_names += ("glucagon_ug",)
+            low, high = [*low, 0.0], [*high, float(self._pump.max_ug)]
         self.action_box = Box(np.array(low, np.float32), np.array(high, np.float32))
         seen = {"glucose_mg_dl": ("mg/dl", _MAX_GLUCOSE_MG_DL)}
         if not truth:
@@ -100,12 +105,14 @@ class _Situation:
         self._ahead = bool(trial.announce_before_min)
         if self._ahead:
             seen["announced_in_min"] = ("min", LONGEST_AHEAD_MIN)
+        if self._pump is not None:
+            seen["glucagon_ug"] = ("ug", float(self._pump.max_ug))
         self.observation_names = tuple(seen)
         self.observation_units = tuple(unit for unit, _ in seen.values())
         highest = np.array([most for _, most in seen.values()], np.float32)
         self.observation_box = Box(np.zeros_like(highest), highest)
         self._latest = np.full(number, np.nan)
-        self._read_at, self._requested_U = np.zeros(number), np.zeros(number)
+        self._read_at, self._requested_U, self._glucagon_ug = np.zeros(number), np.zeros(number), np.zeros(number)
 
     def reset(self, seed: int | None, random: np.random.Generator) -> None:
         """Let the next people begin; two environments that nobody gave a seed are different people."""
@@ -119,7 +126,7 @@ class _Situation:
         people, every = self.people, self.people.trial.sample_time_min
         begins, valid = people.sample == 0, np.isfinite(people.reading_mg_dl)
         # before the first reading of a sensor that warms up, the person is taken to be where the controller aims
-        self._latest[begins], self._read_at[begins] = people.trial.target_mg_dl, 0.0
+        self._latest[begins], self._read_at[begins], self._glucagon_ug[begins] = people.trial.target_mg_dl, 0.0, 0.0
         self._latest[valid] = people.reading_mg_dl[valid]
         self._read_at[valid] = people.sample[valid]
         # a pump that says nothing is taken to have done as it was asked
@@ -128,7 +135,8 @@ class _Situation:
         seen = [people.glucose_mg_dl] if self._truth else [self._latest, age_min]
         announced = people.announced_g
         ahead = [np.where(announced > 0.0, people.trial.announce_before_min, 0.0)] if self._ahead else []
-        rows = np.stack([*seen, reported, announced, people.time_of_day_min, *ahead], axis=-1)
+        dual = [] if self._pump is None else [self._glucagon_ug]
+        rows = np.stack([*seen, reported, announced, people.time_of_day_min, *ahead, *dual], axis=-1)
         box = self.observation_box
         return np.asarray(np.clip(np.nan_to_num(rows), box.low, box.high), np.float32)
 
@@ -153,8 +161,13 @@ class _Situation:
         if requested.shape != wanted:
             raise Refusal(f"an action of the shape {requested.shape} is not possible; give {wanted}")
         before = people.glucose_mg_dl.copy()
-        self._requested_U = requested[:, 0] * people.trial.sample_time_min / MIN_PER_H + requested[:, 1:].sum(axis=1)
-        people.step(mu_min_from_u_h(requested[:, 0]), requested[:, 1] * MU_PER_U if people.gives_bolus else None)
+        bolus_U = requested[:, 1] if people.gives_bolus else np.zeros(people.number)
+        self._requested_U = requested[:, 0] * people.trial.sample_time_min / MIN_PER_H + bolus_U
+        glucagon_ug = None
+        if self._pump is not None:
+            glucagon_ug = requested[:, -1]
+            self._glucagon_ug = np.array(self._pump.allowed(jnp.asarray(glucagon_ug)), np.float64)
+        people.step(mu_min_from_u_h(requested[:, 0]), bolus_U * MU_PER_U if people.gives_bolus else None, glucagon_ug)
         after, (lowest, highest) = people.glucose_mg_dl, self._bounds
         terminated = ~((after >= lowest) & (after <= highest) & np.isfinite(after))
         reward = np.asarray(self._reward.of_step(before, after), np.float64)
@@ -237,7 +250,7 @@ class GlucoseVectorEnv(_MadeAgain, VectorEnv[Floats, npt.NDArray[Any], npt.NDArr
         return self._of.observation(), self._of.info()
 
     def step(self, actions: npt.ArrayLike) -> tuple[Floats, Any, Any, Any, Observed]:
-        """Dose everybody, ``(people, 1 or 2)``, until the next sample."""
+        """Dose everybody, ``(people, 1 to 3)``, until the next sample."""
         if self._ended is None:
             raise Refusal("nobody is there yet; call reset first")
         reward, terminated, truncated = self._of.step(actions)
@@ -267,12 +280,13 @@ class GlucoseVectorEnv(_MadeAgain, VectorEnv[Floats, npt.NDArray[Any], npt.NDArr
 class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
     """One person whose insulin an agent doses, in the situation of a trial.
 
-    Actions are the basal rate [U/h] and, where insulin is given subcutaneously, a bolus [U] that is given at the
-    beginning of the step, within the limits of the pump. Observations are named in ``observation_names``, with units in
-    ``observation_units``: the latest valid reading (the target before the first) and its age, the insulin of the last
-    step as the pump reports it, the announced carbohydrate of the coming step, and the time of day; with
-    ``announce_before_min`` also the time until the announced meal is eaten. The episode is terminated where glucose
-    leaves its bounds, if it has some, and truncated at the end of the run.
+    Actions are the basal rate [U/h], where insulin is given subcutaneously a bolus [U] that is given at the beginning
+    of the step, and with ``glucagon=True`` glucagon [ug] that enters evenly, within the limits of the pump.
+    Observations are named in ``observation_names``, with units in ``observation_units``: the latest valid reading (the
+    target before the first) and its age, the insulin of the last step as the pump reports it, the announced
+    carbohydrate of the coming step, and the time of day; with ``announce_before_min`` also the time until the announced
+    meal is eaten, and with glucagon the amount that was asked of the pump in the last step, within its limits. The
+    episode is terminated where glucose leaves its bounds, if it has some, and truncated at the end of the run.
 
     Parameters
     ----------

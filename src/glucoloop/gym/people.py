@@ -18,6 +18,7 @@ from glucoloop.build.assemble import AtRest
 from glucoloop.build.designs import with_guard
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.control import Controller
+from glucoloop.control.glucagon import GLUCAGON
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.meals.habits import LivedDays
 from glucoloop.pumps.protocol import gives_bolus
@@ -117,6 +118,10 @@ class DosedPeople:
         if number < 1:
             raise Refusal(f"{number} people are not possible; give 1 or more")
         self._settings, self.number = dict(settings), number
+        if not isinstance(glucagon := settings.get("glucagon", False), bool):
+            raise Refusal(f"glucagon is {glucagon!r}, but the agent decides on it; give True or False")
+        # any way of dosing it gives the pump its second route; the agent takes its place
+        self._settings["glucagon"] = next(iter(GLUCAGON)) if glucagon else None
         self._threads = threads or ((os.cpu_count() or 1) if number >= _MANY else 1)
         self._prepare(configured(Trial, self._settings))
 
@@ -124,11 +129,18 @@ class DosedPeople:
         """Compile the loop of a trial, and go to its first person."""
         self.trial = trial
         self.gives_bolus = trial.patient.subcutaneous and gives_bolus(surroundings_of(trial).pump)
+        self.gives_glucagon = trial.glucagon is not None
         guard = None if trial.guard is None else guard_of(trial.patient, trial.guard)
 
         def dosed(rate_mU_min: jax.Array) -> ExternalDoses:
             bolus = jnp.zeros_like(rate_mU_min) if self.gives_bolus else None
-            return ExternalDoses(insulin_mU_min=rate_mU_min, bolus_mU=bolus, sample_time_min=trial.sample_time_min)
+            glucagon = jnp.zeros_like(rate_mU_min) if self.gives_glucagon else None
+            return ExternalDoses(
+                insulin_mU_min=rate_mU_min,
+                bolus_mU=bolus,
+                glucagon_ug=glucagon,
+                sample_time_min=trial.sample_time_min,
+            )
 
         def controllers_of(people: AtRest) -> Controller:
             basal = jnp.asarray(people.basal_insulin_mU_min)
@@ -257,6 +269,6 @@ class DosedPeople:
     def _carbs_g(now: npt.NDArray[np.bool_], carbs_g: Array) -> Array:
         return np.asarray(np.where(now, carbs_g, 0.0).sum(axis=0))
 
-    def step(self, insulin_mU_min: Array, bolus_mU: Array | None = None) -> None:
-        """Give everybody a rate and, where the pump can, a bolus, and go to the next sample."""
-        self._lanes.step(insulin_mU_min, bolus_mU, threads=self._threads)
+    def step(self, insulin_mU_min: Array, bolus_mU: Array | None = None, glucagon_ug: Array | None = None) -> None:
+        """Give everybody a rate and, where the pump can, a bolus and glucagon, and go to the next sample."""
+        self._lanes.step(insulin_mU_min, bolus_mU, glucagon_ug, threads=self._threads)

@@ -329,7 +329,8 @@ class Cohort:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
         if self._stepped:
-            requested = person.controller[: 2 if gives_boluses(self._one.loop.controller) else 1]
+            external = self._one.loop.controller
+            requested = person.controller[: 1 + gives_boluses(external) + gives_glucagon(external)]
             reaching, shared = {**shared, **reaching, "asked": requested}, {}
         try:
             return make_engine(

@@ -138,9 +138,16 @@ class SteppedPeople:
         for name, values in vars(self.seen).items():
             values[lanes] = getattr(begun.seen, name)[columns]
 
-    def step(self, insulin_mU_min: Array, bolus_mU: Array | None = None, *, threads: int = 1) -> None:
-        """Carry everybody to the next sample, under rates and, where the pump can give them, boluses ``(lanes,)``."""
-        requested = [insulin_mU_min] if bolus_mU is None else [insulin_mU_min, bolus_mU]
+    def step(
+        self,
+        insulin_mU_min: Array,
+        bolus_mU: Array | None = None,
+        glucagon_ug: Array | None = None,
+        *,
+        threads: int = 1,
+    ) -> None:
+        """Carry everybody to the next sample, under rates, boluses and glucagon ``(lanes,)`` where they are given."""
+        requested = [dose for dose in (insulin_mU_min, bolus_mU, glucagon_ug) if dose is not None]
         for group in self._groups:
             for name, values in group.next_inputs().items():
                 if name not in self._reaching:
@@ -155,11 +162,13 @@ class SteppedPeople:
 
 @pytree
 class ExternalDoses:
-    """Controller whose rate and bolus are numbers of its own, which are set before each sample; it has no memory."""
+    """Controller whose doses are numbers of its own, which are set before each sample; it has no memory."""
 
     insulin_mU_min: jax.Array
     bolus_mU: jax.Array | None
     """Bolus, or None where the pump can give none."""
+    glucagon_ug: jax.Array | None = None
+    """Glucagon until the next sample, or None where none is given."""
     sample_time_min: float
 
     heals: ClassVar = True
@@ -168,6 +177,11 @@ class ExternalDoses:
     def gives_boluses(self) -> bool:
         """Whether the pump can give boluses."""
         return self.bolus_mU is not None
+
+    @property
+    def gives_glucagon(self) -> bool:
+        """Whether glucagon is given."""
+        return self.glucagon_ug is not None
 
     def init(self, observation: Observation) -> tuple[()]:
         """State without memory."""
@@ -178,4 +192,6 @@ class ExternalDoses:
         """Decision with the dose from outside."""
         del observation
         status = jnp.asarray(int(Status.OK))
-        return state, Decision(insulin_mU_min=self.insulin_mU_min, status=status, bolus_mU=self.bolus_mU)
+        return state, Decision(
+            insulin_mU_min=self.insulin_mU_min, status=status, bolus_mU=self.bolus_mU, glucagon_ug=self.glucagon_ug
+        )
