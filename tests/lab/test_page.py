@@ -50,7 +50,7 @@ def text():
 
 def packed(text, name):
     found = re.search(rf'<script type="application/octet-stream" id="{name}">([^<]*)</script>', text)
-    return gzip.decompress(base64.b64decode(found[1]))
+    return gzip.decompress(base64.b85decode(found[1].translate(str.maketrans(",.", "<{"))))
 
 
 def test_the_file_holds_everything_and_is_the_same_again(text):

@@ -27,6 +27,8 @@ _FIRST: Final = (PAGE / "main.mjs", PAGE / "worker.mjs")
 """Modules with which the page and its workers begin."""
 _BEGIN: Final = 'need(globalThis.document ? "main" : "worker").start();'
 _LANGUAGE: Final = PAGE / "language.mjs"
+_OF_HTML: Final = bytes.maketrans(b"<{", b",.")
+"""Two digits of Base85 that end a script of HTML or are of a template, and those in their place."""
 
 
 def page(people: tuple[str, str] | None = None, language: str | None = None) -> str:
@@ -75,5 +77,5 @@ def _read(name: str) -> str:
 
 
 def _packed(content: bytes) -> str:
-    """Content compressed, the same bytes at any time, as text."""
-    return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
+    """Content compressed, the same bytes at any time, as text: Base85 is a sixteenth shorter than Base64."""
+    return base64.b85encode(gzip.compress(content, 9, mtime=0)).translate(_OF_HTML).decode()

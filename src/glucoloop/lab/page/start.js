@@ -1,5 +1,16 @@
 // Unpack the page's program, and begin with it, here or in a worker.
-const decode = (text) => Uint8Array.fromBase64?.(text) ?? Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)); // older browsers have no fromBase64
+const digits = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;,=>?@^_`.|}~";
+const values = new Uint8Array(128).map((_, code) => digits.indexOf(String.fromCharCode(code)));
+/** Bytes of Base85: five digits are a whole number of four bytes. */
+const decode = (text) => {
+  const result = new DataView(new ArrayBuffer(4 * Math.ceil(text.length / 5)));
+  for (let i = 0; i < text.length; i += 5) {
+    let number = 0;
+    for (let j = i; j < i + 5; j++) number = 85 * number + (j < text.length ? values[text.charCodeAt(j)] : 84);
+    result.setUint32((4 * i) / 5, number);
+  }
+  return new Uint8Array(result.buffer, 0, Math.floor((4 * text.length) / 5));
+};
 const unpack = async (id) => {
   const stream = new Blob([decode(document.getElementById(id).textContent)]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
