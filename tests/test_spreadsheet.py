@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from glucoloop.pages import PAGES
 from glucoloop.situations.population import named_population
+from glucoloop.spreadsheet import text_cell, text_of_cell, write_rows
 from glucoloop.storage import results
-from glucoloop.text import text_cell, text_of_cell, write_rows
 
 COMPUTED = "=+-@\t\r\n＝＋－＠"
 TEXTS = st.text(st.one_of(st.sampled_from(COMPUTED + "';,\" a1"), st.characters(codec="utf-8")), max_size=12)

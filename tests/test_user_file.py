@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import glucoloop as gl
-from glucoloop.private_folder import read_regular
 from glucoloop.situations.toml import read_file
 from glucoloop.storage.model_file import read_model
+from glucoloop.user_file import read_regular
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pipes and sockets have no names in folders there")
 READERS = {

@@ -1,8 +1,4 @@
-"""Files and folders that need care: a file that the user named, and a folder to which nobody else may write.
-
-A file is a regular one, of a bounded size, and is read without waiting for anybody. What a private folder holds is run
-or accepted, so that nobody else may put another in its place.
-"""
+"""Folders whose contents are run or accepted, so that nobody else may write to them, nor put another in their place."""
 
 from __future__ import annotations
 
@@ -96,45 +92,3 @@ def _is_own_group(group: int) -> bool:
     except KeyError:
         return False
     return group == user.pw_gid and of_group.gr_name == user.pw_name and {*of_group.gr_mem} <= {user.pw_name}
-
-
-FILE, FOLDER = "a file", "a folder"
-_KINDS: Final = {
-    stat.S_IFREG: FILE,
-    stat.S_IFDIR: FOLDER,
-    stat.S_IFLNK: "a symbolic link",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
-_FLAGS: Final = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
-"""Flags for opening a file without waiting for the other end of a pipe."""
-
-
-def kind_of(mode: int) -> str:
-    """Kind of object of a mode of the system, like ``"a pipe"``."""
-    return _KINDS.get(stat.S_IFMT(mode), "something that is no file")
-
-
-def read_regular(path: Path, most_bytes: int) -> bytes:
-    """Contents of a regular file, and no more than one byte beyond `most_bytes`; the path may be a link to it.
-
-    Refusal, as a clause about the file, for a folder, a pipe, a socket or a device, which is not even opened where the
-    system tells its kind before; OSError where the file cannot be read.
-    """
-    if "\0" in str(path):
-        raise Refusal("its name holds a NUL character, which no file has; leave it out")
-    _check(os.stat(path).st_mode)
-    descriptor = os.open(path, _FLAGS)
-    with open(descriptor, "rb") as file:
-        _check(os.fstat(descriptor).st_mode)
-        return file.read(most_bytes + 1)
-
-
-def _check(mode: int) -> None:
-    kind = kind_of(mode)
-    if kind == FOLDER:
-        raise Refusal("it is a folder; name a file in it")
-    if kind != FILE:
-        raise Refusal(f"it is {kind}, not a file; write what it has into a file, and give the path of that")

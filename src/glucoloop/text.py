@@ -1,16 +1,11 @@
-"""Text that can be printed in a line or stand in a cell of a table, whatever its source, and numbers with their nouns.
-
-A spreadsheet computes a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a line end, whoever wrote it. OWASP,
-"CSV Injection", puts an apostrophe before such a text: https://owasp.org/www-community/attacks/CSV_Injection
-"""
+"""Text that can be printed in one line, whatever its source, and numbers with their nouns."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
-from collections.abc import Iterable, Sequence
-from typing import Any, Final, Protocol
+from collections.abc import Sequence
+from typing import Final
 
 NOT_AVAILABLE: Final = "n/a"
 """Text in the place of a number that is not known."""
@@ -93,37 +88,3 @@ def percent(share: float) -> str:
         return "> 99.99 %"
     digits = 2 if 0.0 < share < 1.0 or 99.0 < share < 100.0 else 1
     return f"{share:.{digits}f} %" if share not in (0.0, 100.0) else f"{share:.0f} %"
-
-
-_UNSAFE: Final = r"(?='*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20])"
-"""Beginning of a formula, in wide letters too; apostrophes before it are counted, so that the way back is known."""
-_START: Final = r"(?:^|(?<=[;\t\r\n]))"
-"""Beginning of a text, or of what a spreadsheet takes for another cell where semicolons or tabs divide them."""
-_FORMULA: Final = re.compile(_START + _UNSAFE)
-_APOSTROPHE: Final = re.compile(f"{_START}'{_UNSAFE}")
-_QUOTED: Final = re.compile(r'[",\r\n]')
-
-
-class _Writable(Protocol):
-    def write(self, text: str, /) -> object: ...
-
-
-def text_cell(text: str) -> str:
-    """The cell of a text: the text itself, with an apostrophe wherever a formula would begin."""
-    return _FORMULA.sub("'", text)
-
-
-def text_of_cell(cell: str) -> str:
-    """The text of a cell that `text_cell` made."""
-    return _APOSTROPHE.sub("", cell)
-
-
-def write_rows(out: _Writable, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write a CSV table with the names of its columns; texts are safe cells, and numbers stay numbers."""
-    for row in itertools.chain([names], rows):
-        out.write((",".join(map(_cell, row)) or '""') + "\n")
-
-
-def _cell(value: Any) -> str:
-    text = text_cell(value) if isinstance(value, str) else "" if value is None else str(value)
-    return '"' + text.replace('"', '""') + '"' if _QUOTED.search(text) else text

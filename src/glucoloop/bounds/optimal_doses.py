@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from jax.typing import ArrayLike
 
-from glucoloop._pytree import represented
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.bounds.trajectory import RunModel, trajectory_of

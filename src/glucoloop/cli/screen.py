@@ -127,7 +127,7 @@ class _StandardOutput:
 
 def print_rows(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Print a CSV table with the names of its columns."""
-    from glucoloop.text import write_rows
+    from glucoloop.spreadsheet import write_rows
 
     write_rows(_StandardOutput(), names, rows)
 

@@ -17,7 +17,7 @@ from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.samples import SampleRecord
 from glucoloop.native.targets.c.numbers import FORMATS, REAL
 from glucoloop.native.targets.c.source import MEANINGS
-from glucoloop.text import write_rows
+from glucoloop.spreadsheet import write_rows
 
 OUTCOMES: Final = {True: "held", False: "did not hold", None: "not run"}
 """Outcome of a check in words."""

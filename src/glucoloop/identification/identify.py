@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from jax import Array
 
-from glucoloop._pytree import pytree, represented, static
+from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.identification import _check
 from glucoloop.identification.basis import Basis, candidates, chosen

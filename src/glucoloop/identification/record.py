@@ -12,7 +12,8 @@ import numpy.typing as npt
 from jax import Array
 from numpy.typing import ArrayLike
 
-from glucoloop._pytree import pytree, represented, static
+from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import checked
 from glucoloop.identification import _check
 from glucoloop.refusal import Refusal

@@ -11,7 +11,7 @@ from typing import Any, Final
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop._pytree import represented
+from glucoloop._representation import represented
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.models import MEAL_MODELS, check_meal_model, meal_model, meal_model_of

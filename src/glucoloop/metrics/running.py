@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._kept_programs import kept_jit
-from glucoloop._pytree import pytree, represented, static
+from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.protocol import Decision
 from glucoloop.metrics.metric import LOWEST_GLUCOSE_MG_DL, Ended, Metric, Trajectory, default_results, metrics_with

@@ -20,7 +20,8 @@ import math
 from collections.abc import Callable
 
 from glucoloop._lazy_jax import jax, jit, jnp
-from glucoloop._pytree import pytree, represented, static
+from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.refusal import Refusal
 
 

@@ -11,7 +11,8 @@ import dataclasses
 from typing import Any, Final, Self
 
 from glucoloop._lazy_jax import jax, jit, jnp, np
-from glucoloop._pytree import pytree, represented, static
+from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import is_traced
 from glucoloop.refusal import Refusal
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple, Self, TypeAlias
 
 from glucoloop._lazy_jax import jax, jnp
-from glucoloop._pytree import represented
+from glucoloop._representation import represented
 from glucoloop.component.effects import TIME_OF_DAY, Need
 from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, Role, wired
 from glucoloop.component.routes import INTRAVENOUS, ROUTES, SUBCUTANEOUS, PumpRange, route_of

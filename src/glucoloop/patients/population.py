@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._kept_programs import kept_jit
-from glucoloop._pytree import represented
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at

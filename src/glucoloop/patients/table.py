@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import represented
+from glucoloop._representation import represented
 from glucoloop.meals.scenario import Meal
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal

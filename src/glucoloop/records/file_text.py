@@ -15,9 +15,9 @@ from xml.etree import ElementTree
 
 import polars as pl
 
-from glucoloop.private_folder import read_regular
 from glucoloop.records.answers import UNITS
 from glucoloop.refusal import Refusal
+from glucoloop.user_file import read_regular
 
 LARGEST_BYTES: Final = 2_000_000_000
 DELIMITERS: Final = (",", ";", "\t", "|")

@@ -12,7 +12,7 @@ from typing import Annotated, Final
 
 import polars as pl
 
-from glucoloop._pytree import represented
+from glucoloop._representation import represented
 from glucoloop.records.answers import Answers, pairs_from_text
 from glucoloop.records.times import YEARS
 from glucoloop.refusal import Refusal

@@ -8,7 +8,8 @@ import functools
 import jax
 import jax.numpy as jnp
 
-from glucoloop._pytree import pytree, represented, static
+from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals import fasting
 from glucoloop.meals.moments import moments_of_steps

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import pytree, represented, static
+from glucoloop._pytree import pytree, static
+from glucoloop._representation import represented
 from glucoloop.control.protocol import (
     DoseForecast,
     Status,

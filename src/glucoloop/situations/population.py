@@ -24,7 +24,8 @@ from glucoloop.patients.variation import JointVariation, Variation
 from glucoloop.refusal import Refusal
 from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.situations.toml import LARGEST_CHARACTERS, read_file, text_of_file
-from glucoloop.text import how_many, is_printable, text_of_cell
+from glucoloop.spreadsheet import text_of_cell
+from glucoloop.text import how_many, is_printable
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""

@@ -11,8 +11,8 @@ import tomli_w
 
 import glucoloop
 from glucoloop.component.code import names_code
-from glucoloop.private_folder import read_regular
 from glucoloop.refusal import Refusal
+from glucoloop.user_file import read_regular
 
 VERSION_KEY = "glucoloop"
 """Key of the version of glucoloop that wrote the file."""

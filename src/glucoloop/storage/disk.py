@@ -21,8 +21,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from glucoloop.private_folder import FILE, FOLDER, kind_of
 from glucoloop.refusal import Refusal
+from glucoloop.user_file import FILE, FOLDER, kind_of
 
 try:
     import fcntl

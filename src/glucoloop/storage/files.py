@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import glucoloop
-from glucoloop.private_folder import read_regular
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
 from glucoloop.storage import disk
+from glucoloop.user_file import read_regular
 
 F = TypeVar("F")
 

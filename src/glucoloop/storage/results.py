@@ -19,9 +19,10 @@ import polars as pl
 
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds, read_table
+from glucoloop.spreadsheet import text_cell
 from glucoloop.storage import disk
 from glucoloop.storage.files import json_text, read_text, stored_json, with_version
-from glucoloop.text import one_line, text_cell
+from glucoloop.text import one_line
 from glucoloop.units import number_of
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._pytree import represented
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.random_keys import keys_of_people

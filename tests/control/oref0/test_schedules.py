@@ -127,6 +127,18 @@ def test_profile_and_dose_by_the_clock_are_those_of_the_package():
     assert len(without) > COUNT // 50  # of which a temporary target changes the dose
 
 
+def observed(glucose_mg_dl, **more):
+    return Observation(
+        glucose_mg_dl=jnp.asarray(glucose_mg_dl),
+        valid=jnp.asarray(True),
+        setpoint_mg_dl=jnp.asarray(110.0),
+        delivered_mU_min=jnp.asarray(10.0),
+        announced_carbs_g=jnp.asarray(0.0),
+        delivered_bolus_mU=jnp.asarray(0.0),
+        **more,
+    )
+
+
 @pytest.mark.long
 def test_the_controller_doses_by_the_profile_of_its_time_of_day():
     """Its own arguments, at each segment of some days, beside the numbers of the schedule."""
@@ -134,15 +146,7 @@ def test_the_controller_doses_by_the_profile_of_its_time_of_day():
     for day in days()[:40]:
         schedule = schedule_of(day)
         by_clock, now = scheduled(controller, schedule, PLAIN), 5.0 * (day["minute"] // 5)
-        seen = Observation(
-            glucose_mg_dl=jnp.asarray(130.0),
-            valid=jnp.asarray(True),
-            setpoint_mg_dl=jnp.asarray(110.0),
-            delivered_mU_min=jnp.asarray(10.0),
-            announced_carbs_g=jnp.asarray(0.0),
-            delivered_bolus_mU=jnp.asarray(0.0),
-            time_of_day_min=jnp.asarray(now),
-        )
+        seen = observed(130.0, time_of_day_min=jnp.asarray(now))
         aimed = by_clock._aimed(seen)
         own = by_clock._now(seen)
         heard = own._heard(own.init(aimed), aimed).profile
@@ -157,14 +161,7 @@ def test_the_controller_doses_by_the_profile_of_its_time_of_day():
 
 def test_announced_exercise_is_a_temporary_target():
     own = Oref0().of_person(PLAIN, WIDE)
-    seen = Observation(
-        glucose_mg_dl=jnp.asarray(130.0),
-        valid=jnp.asarray(True),
-        setpoint_mg_dl=jnp.asarray(110.0),
-        delivered_mU_min=jnp.asarray(10.0),
-        announced_carbs_g=jnp.asarray(0.0),
-        delivered_bolus_mU=jnp.asarray(0.0),
-    )
+    seen = observed(130.0)
     for ahead_min, expected in ((30.0, (150.0, True)), (jnp.inf, (110.0, False))):
         told = dataclasses.replace(seen, exercise_in_min=jnp.asarray(ahead_min))
         heard = own._heard(own.init(told), told).profile
@@ -176,15 +173,7 @@ def test_in_exercise_mode_temporary_rates_so_far_count_against_the_lower_basal_r
     """At 160 mg/dl half of the basal rate is needed, so that the basal rate of each of six samples is half too much."""
     mode = Oref0(exercise_mode=True, enable_smb_always=False).of_person(PLAIN, WIDE)
     raised = Oref0(high_temptarget_raises_sensitivity=True, enable_smb_always=False).of_person(PLAIN, WIDE)
-    rest = Observation(
-        glucose_mg_dl=jnp.asarray(110.0),
-        valid=jnp.asarray(True),
-        setpoint_mg_dl=jnp.asarray(110.0),
-        delivered_mU_min=jnp.asarray(10.0),
-        announced_carbs_g=jnp.asarray(0.0),
-        delivered_bolus_mU=jnp.asarray(0.0),
-        temporary_target=jnp.asarray(False),
-    )
+    rest = observed(110.0, temporary_target=jnp.asarray(False))
     runs = dataclasses.replace(rest, setpoint_mg_dl=jnp.asarray(160.0), temporary_target=jnp.asarray(True))
     on_board = []
     for controller in (mode, raised):

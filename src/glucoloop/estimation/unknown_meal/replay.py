@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from glucoloop._lazy_jax import jax, jit, jnp, np, npt
-from glucoloop._pytree import pytree, represented
+from glucoloop._pytree import pytree
+from glucoloop._representation import represented
 from glucoloop.arguments import checked, on_host
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
 from glucoloop.models.nonlinear import FedModel
