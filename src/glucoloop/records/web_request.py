@@ -99,7 +99,7 @@ def get(address: str, allowance: Allowance, headers: dict[str, str]) -> bytes:
     if seconds <= 0.0:
         raise Refusal(f"has not sent everything within {allowance.all_s:g} s; ask for fewer days")
     most = min(allowance.each_bytes, allowance.all_bytes)
-    deadline = _Deadline()
+    deadline, timed_out = _Deadline(), False
     opener = urllib.request.build_opener(_NoRedirection, _Bounded(deadline), _BoundedTLS(deadline))
     with deadline.after(seconds):
         try:
@@ -113,9 +113,11 @@ def get(address: str, allowance: Allowance, headers: dict[str, str]) -> bytes:
             if not deadline.passed:
                 raise StatusError(error.code) from None
         except (OSError, http.client.HTTPException, ValueError) as error:
-            if not deadline.passed:
+            # In so short a time the limit of one operation and that of the answer end at the same moment.
+            timed_out = seconds <= _SILENCE_S and isinstance(_cause(error), TimeoutError)
+            if not (timed_out or deadline.passed):
                 raise Refusal(f"gives no answer ({_reason(error)}); check the address and the network") from None
-    if deadline.passed:
+    if timed_out or deadline.passed:
         raise Refusal(f"takes more than {seconds:.3g} s for one answer; try later, or ask for fewer days")
     if len(data) > most:
         raise Refusal(f"answers with more than {most} bytes; ask for fewer days")
@@ -123,10 +125,15 @@ def get(address: str, allowance: Allowance, headers: dict[str, str]) -> bytes:
     return bytes(data)
 
 
+def _cause(error: BaseException) -> BaseException:
+    """The error that one of urllib is about, or the error itself."""
+    why = getattr(error, "reason", error)
+    return why if isinstance(why, BaseException) else error
+
+
 def _reason(error: BaseException) -> str:
     """Words of our own, or of the system, for an error of a request."""
-    why = getattr(error, "reason", error)
-    why = why if isinstance(why, BaseException) else error
+    why = _cause(error)
     if isinstance(why, TimeoutError):
         return "the time is over"
     if isinstance(why, socket.gaierror):
