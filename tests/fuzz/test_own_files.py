@@ -40,7 +40,7 @@ RAW = {"read_bytes", "read_text", "read_parquet", "read_csv", "read_json", "load
 """Methods and functions that read a file, or a text of one, without a check of ours."""
 OWNERS = {"json", "tomllib", "pickle", "np", "numpy", "pl", "os", "zipfile", "gzip", "csv"}
 DOORS = {
-    "private_folder.py": "the door itself: a regular file of a bounded size",
+    "user_file.py": "the door itself: a regular file of a bounded size",
     "schema/values.py": "the door itself: JSON of a declared form",
     "schema/tables.py": "the door itself: Parquet of declared columns",
     "storage/disk.py": "the door itself: a file of a folder of ours",
