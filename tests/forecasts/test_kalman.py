@@ -1,5 +1,7 @@
 """The Kalman filter of forecasts beside the plain conditional of a normal distribution, and on records of its own."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -7,7 +9,7 @@ import scipy.linalg
 import scipy.stats
 
 from forecast_records import COEFFICIENTS, PARAMETERS, drawn_record, explained_mg_dl, gridded, own_model
-from glucoloop.forecasts.grid import SAMPLES_PER_DAY
+from glucoloop.forecasts.grid import SAMPLES_PER_DAY, UsualDay
 from glucoloop.forecasts.kalman import Kalman, unexplained_system
 from glucoloop.forecasts.linear_filter import discretised, exact_gains, filtered, steady_gains
 from glucoloop.forecasts.scores import forecast_errors
@@ -133,6 +135,33 @@ def test_the_effects_of_insulin_and_carbohydrate_are_found_again():
         rises.append(fitted.rise_mg_dl_g)
     assert np.mean(falls) == pytest.approx(-COEFFICIENTS[0], rel=0.25)
     assert np.mean(rises) == pytest.approx(COEFFICIENTS[1], rel=0.25)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_where_half_of_the_meals_are_not_entered_the_usual_meal_is_forecast(seed):
+    record = drawn_record(20, seed)
+    meals = np.flatnonzero(record.carbs_g)
+    some = record.carbs_g.copy()
+    some[np.random.default_rng(seed).permutation(meals)[::2]] = 0.0
+    shares = []
+    for carbs_g in (record.carbs_g, some):
+        fitted = Kalman(individual=False).fitted(dataclasses.replace(record, carbs_g=carbs_g))
+        shares.append(fitted.coefficients[-1] / (fitted.rise_mg_dl_g + fitted.coefficients[-1]))
+    assert shares[0] < 0.25
+    assert shares[0] + 0.25 < shares[1] < 1.1
+
+
+def test_the_usual_meal_is_that_of_each_day():
+    usual = UsualDay(*np.zeros((3, SAMPLES_PER_DAY)), np.eye(1, SAMPLES_PER_DAY, 280)[0])
+    leaning = dataclasses.replace(own_model(coefficients=np.append(COEFFICIENTS[:-1], 2.0)), usual=usual)
+    record = gridded(np.full(3 * SAMPLES_PER_DAY, np.nan), carbs_g=np.zeros(3 * SAMPLES_PER_DAY))
+    eaten = dataclasses.replace(record, carbs_g=np.tile(usual.carbs_g, 3))
+    origin, horizons = np.array([2 * SAMPLES_PER_DAY - 1]), np.arange(1, 200, 10)
+    leant = leaning.forecast(record, origin, horizons, future_known=True).mean_mg_dl
+    told = own_model(coefficients=np.append([-25.0, 2.0], COEFFICIENTS[2:])).forecast(
+        eaten, origin, horizons, future_known=True
+    )
+    np.testing.assert_allclose(leant, told.mean_mg_dl, rtol=1e-9)
 
 
 @pytest.mark.long

@@ -11,7 +11,7 @@ from glucoloop.records import DeviceRecord
 from glucoloop.records.record import SCHEMA
 
 PARAMETERS = np.array([120.0, 50.0, 30.0, 10.0, 0.5, 15.0, 800.0, 2.0])
-COEFFICIENTS = np.array([-25.0, 3.0, 150.0, 10.0, -5.0, 4.0, 2.0, 1.0, -2.0, 0.5, 1.0])
+COEFFICIENTS = np.array([-25.0, 3.0, 150.0, 10.0, -5.0, 4.0, 2.0, 1.0, -2.0, 0.5, 1.0, 0.0])
 
 
 def gridded(readings, *, basal_U=None, bolus_U=None, carbs_g=None, automatic_U=None):

@@ -40,6 +40,32 @@ def test_two_days_from_doses_and_meals_alone_are_predicted_within_twice_the_nois
     assert np.sqrt(np.nanmean(error**2)) < 18.0
 
 
+def test_where_meals_are_not_entered_a_forecast_takes_the_usual_carbohydrate(twin):
+    predictor = TwinPredictor.of(twin.mode, twin.training)
+    meals = np.flatnonzero(twin.training.carbs_g)
+    some = twin.training.carbs_g.copy()
+    some[meals[::2]] = 0.0
+    shares = [
+        predictor.likely_usual_share(dataclasses.replace(twin.training, carbs_g=carbs_g))
+        for carbs_g in (twin.training.carbs_g, some)
+    ]
+    assert shares[0] < 0.15
+    assert 0.3 < shares[1] <= 1.0
+
+
+def test_with_nothing_but_the_usual_carbohydrate_entered_meals_are_unknown(twin):
+    predictor = dataclasses.replace(TwinPredictor.of(twin.mode, twin.training), usual_share=1.0)
+    origins, horizons = np.array([5 * SAMPLES_PER_DAY + 101]), np.array([12, 48])
+    usual_bolus_U = np.where(
+        np.arange(twin.record.carbs_g.size) > origins[0],
+        predictor.usual.user_bolus_U[twin.record.clock],
+        twin.record.user_bolus_U,
+    )
+    record = dataclasses.replace(twin.record, user_bolus_U=usual_bolus_U)
+    known, unknown = (predictor.forecast(record, origins, horizons, future_known=known) for known in (True, False))
+    np.testing.assert_allclose(known.mean_mg_dl, unknown.mean_mg_dl, rtol=1e-9)
+
+
 def test_what_the_record_does_not_tell_is_said(twin):
     assert "V_I" in twin.unidentified
     assert any("next to nothing of" in sentence for sentence in twin.warnings())

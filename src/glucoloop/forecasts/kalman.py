@@ -7,14 +7,15 @@ unexplained part that the filter follows::
     C1' = -C1 / tau_C,  C2' = (C1 - C2) / tau_C,  g_C' = C2 / tau_C - g_C / tau_G     each meal is added to C1
     a1' = -a1 / tau_A + w_1,  a2' = (a1 - a2) / tau_A,  g' = a2 - g / tau_G + w_2     unexplained appearance
     d' = -d / tau_D + w_3                                                            slow drift
-    reading = b_0 + sum b_k wave_k(time of day) - S g_I + R g_C + g + d + v
+    reading = b_0 + sum b_k wave_k(time of day) - S g_I + R g_C + R_u g_U + g + d + v
 
 with ``g_I`` and ``g_C`` in units of the largest response to one unit, so that `S` is the largest fall by 1 U and `R`
-the largest rise by 1 g. Everything but the eight time constants and noises is linear, so that for each choice of these
-the rest is found by least squares with a prior. These eight maximise the predictive likelihood of readings 30, 60, 120,
-180 and 240 min ahead with a normal prior on their logarithms; the number of independent forecasts is taken as eight a
-day. In the likelihood the doses to come are those of `UsualDay.future`, so that doses of automation, which follow
-glucose, do not tell of it.
+the largest rise by 1 g. ``g_U`` is the response to the carbohydrate of the usual day: where counts are wrong or meals
+are not entered, a forecast leans on what is usually eaten at that time. Everything but the eight time constants and
+noises is linear, so that for each choice of these the rest is found by least squares with a prior. These eight maximise
+the predictive likelihood of readings 30, 60, 120, 180 and 240 min ahead with a normal prior on their logarithms; the
+number of independent forecasts is taken as eight a day. In the likelihood the doses to come are those of
+`UsualDay.future`, so that doses of automation, which follow glucose, do not tell of it.
 
 The prior of the eight parameters is the median of the fits to the first eight people, in the order of their files, of
 AZT1D (doi:10.17632/gk9m674wcx.1). Insulin is held near a fall by 1 U of 1000 mg/dl over the total daily dose, since
@@ -66,6 +67,8 @@ _MIN_DAILY_DOSE_U: Final = 5.0
 _LEVEL_MG_DL: Final = (150.0, 100.0)
 _RISE_MG_DL_G: Final = (3.0, 1.5)
 """Largest rise by 1 g of carbohydrate before the record: mean and standard deviation."""
+_USUAL_RISE_MG_DL_G: Final = (0.0, 1.5)
+"""The same of 1 g that is usual at a time of day, whatever is entered."""
 _ROUNDING_VARIANCE: Final = 1.0 / 12.0
 """Variance of the rounding of readings to whole mg/dl [(mg/dl)²], below which no mean square is told apart."""
 _STEP: Final = 1e-3
@@ -147,39 +150,43 @@ class _Responses(NamedTuple):
 
 
 class _Explained(NamedTuple):
-    """Regressors of the explained part of the readings: responses to insulin and carbohydrate, and daily waves."""
+    """Regressors of the explained part of the readings: responses to insulin and carbohydrate, and daily curves."""
 
     responses: _Responses
     states: Values
     """States ``(samples, systems, 2, 3)`` by the doses of the record."""
     future_states: Values
     """States by the doses that a forecast takes."""
-    waves: Values
+    daily: Values
+    """Daily waves and the response to the usual carbohydrate, ``(samples, systems, 10)``."""
 
     @classmethod
-    def of(cls, parameters: Values, record: GriddedRecord, future: DosesAndMeals) -> _Explained:
-        responses = _Responses.of(parameters)
+    def of(cls, parameters: Values, record: GriddedRecord, usual: UsualDay, *, future_known: bool) -> _Explained:
+        responses, waves = _Responses.of(parameters), daily_waves(record.clock)
         history = DosesAndMeals(record.insulin_U, record.carbs_g)
-        return cls(responses, responses.states(history), responses.states(future), daily_waves(record.clock))
+        twice = np.tile(usual.carbs_g, 2)  # the second of two usual days goes on from the first
+        curve = responses.states(DosesAndMeals(np.zeros(twice.size), twice))[SAMPLES_PER_DAY:, :, 1, 2][record.clock]
+        return cls(
+            responses,
+            responses.states(history),
+            responses.states(usual.future(record, known=future_known)),
+            np.concatenate([np.repeat(waves[:, None], curve.shape[1], axis=1), curve[..., None]], axis=-1),
+        )
 
     def at_samples(self) -> Values:
-        """Regressors at each sample, ``(samples, systems, 11)``."""
-        return self._with_waves(self.states[..., 2], slice(None))
+        """Regressors at each sample, ``(samples, systems, 12)``."""
+        return np.concatenate([self.states[..., 2], self.daily], axis=-1)
 
     def ahead(self, origins: Places, horizon: int) -> Values:
-        """Regressors a horizon after each origin, ``(origins, systems, 11)``, without later doses of the record."""
+        """Regressors a horizon after each origin, ``(origins, systems, 12)``, without later doses of the record."""
         power = np.linalg.matrix_power(self.responses.transition, horizon)[..., 2, :]
         differing = self.states[origins] - self.future_states[origins]
         response = self.future_states[origins + horizon][..., 2] + (power * differing).sum(axis=-1)
-        return self._with_waves(response, origins + horizon)
-
-    def _with_waves(self, response: Values, samples: Places | slice) -> Values:
-        waves = self.waves[samples]
-        return np.concatenate([response, np.broadcast_to(waves[:, None], (*response.shape[:2], waves.shape[1]))], -1)
+        return np.concatenate([response, self.daily[origins + horizon]], axis=-1)
 
 
 class _LinearPrior(NamedTuple):
-    """Mean and standard deviation of the coefficients ``-S, R, b`` before the record, ``(11,)`` each."""
+    """Mean and standard deviation of the coefficients ``-S, R, b, R_u`` before the record, ``(12,)`` each."""
 
     mean: Values
     sd: Values
@@ -189,8 +196,8 @@ def _linear_prior(daily_U: float, rule: float, spread: float) -> _LinearPrior:
     fall = rule / max(daily_U, _MIN_DAILY_DOSE_U)
     waves_sd = harmonics_sd()
     return _LinearPrior(
-        np.array([-fall, _RISE_MG_DL_G[0], _LEVEL_MG_DL[0], *np.zeros(waves_sd.size)]),
-        np.array([spread * fall, _RISE_MG_DL_G[1], _LEVEL_MG_DL[1], *waves_sd]),
+        np.array([-fall, _RISE_MG_DL_G[0], _LEVEL_MG_DL[0], *np.zeros(waves_sd.size), _USUAL_RISE_MG_DL_G[0]]),
+        np.array([spread * fall, _RISE_MG_DL_G[1], _LEVEL_MG_DL[1], *waves_sd, _USUAL_RISE_MG_DL_G[1]]),
     )
 
 
@@ -200,7 +207,7 @@ class _Likelihood:
     def __init__(self, training: GriddedRecord, prior: _LinearPrior) -> None:
         self._training, self._prior = training, prior
         self._log_median, self._log_sd = _log_prior()
-        self._future = usual_day(training).future(training, known=True)
+        self._usual = usual_day(training)
         self._readable = np.isfinite(training.reading_mg_dl)
         self._readings = np.where(self._readable, training.reading_mg_dl, 0.0)
         origins = origins_of(training, _WARM_UP)
@@ -213,9 +220,9 @@ class _Likelihood:
                 self._cases.append((horizon, typical, inside))
 
     def errors(self, parameters: Values) -> list[Values]:
-        """Errors of forecasts of the readings, and of each regressor as if it was read, ``(origins, systems, 12)``."""
+        """Errors of forecasts of the readings, and of each regressor as if it was read, ``(origins, systems, 13)``."""
         system = unexplained_system(parameters)
-        explained = _Explained.of(parameters, self._training, self._future)
+        explained = _Explained.of(parameters, self._training, self._usual, future_known=True)
         known = explained.at_samples()
         readings = np.broadcast_to(self._readings[:, None, None], (*known.shape[:2], 1))
         gains = np.where(self._readable[:, None, None], steady_gains(system), 0.0)
@@ -229,7 +236,7 @@ class _Likelihood:
         return results
 
     def coefficients(self, errors: list[Values]) -> Values:
-        """Most likely coefficients ``(11,)`` for the errors ``(origins, 12)`` of one system."""
+        """Most likely coefficients ``(12,)`` for the errors ``(origins, 13)`` of one system."""
         precision = np.diag(self._prior.sd**-2)
         weighted = self._prior.mean * self._prior.sd**-2
         count = _FORECASTS_PER_DAY * self._training.days / len(_HORIZONS_MIN)
@@ -278,7 +285,7 @@ class FittedKalman:
     parameters: Values
     """Time constants and noises ``(8,)``, in the order of the prior."""
     coefficients: Values
-    """Coefficients ``(11,)``: ``-S, R, b_0`` and those of the daily waves."""
+    """Coefficients ``(12,)``: ``-S, R, b_0``, those of the daily waves, and ``R_u``."""
     usual: UsualDay
 
     @property
@@ -297,7 +304,7 @@ class FittedKalman:
         """Forecasts by the exact filter, which has its own variance at each sample."""
         parameters = self.parameters[None]
         system = unexplained_system(parameters)
-        explained = _Explained.of(parameters, record, self.usual.future(record, known=future_known))
+        explained = _Explained.of(parameters, record, self.usual, future_known=future_known)
         readable = np.isfinite(record.reading_mg_dl)
         rest = np.where(readable, record.reading_mg_dl - explained.at_samples()[:, 0] @ self.coefficients, 0.0)
         [transition], [noise] = system.transition, system.process_noise

@@ -1,15 +1,21 @@
-"""Forecasts of a twin, and the twin as a method of forecasting beside the others."""
+"""Forecasts of a twin, and the twin as a method of forecasting beside the others.
+
+Where counts are wrong and meals are not entered, what is usually eaten at a time of day tells of a meal to come beside
+what is entered. A forecast takes `k` of the usual carbohydrate and ``1 - k`` of the entered one. As it is nearly linear
+in `k`, that is found by least squares from the forecasts with 0 and with 1 of the days of training, with a prior of 0.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from glucoloop._lazy_jax import jax, np
 from glucoloop.component.setting import About
-from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, UsualDay, usual_day
-from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor
+from glucoloop.forecasts.grid import SAMPLE_MIN, SAMPLES_PER_DAY, UsualDay, apart, usual_day
+from glucoloop.forecasts.method import ForecastMethod, GlucoseForecast, Predictor, origins_of
 from glucoloop.units import MU_PER_U
 
 if TYPE_CHECKING:
@@ -23,6 +29,16 @@ _LENGTHS: Final = (48, 288, 576)
 """Numbers of samples of which a forecast has one, so that few programs are compiled."""
 _MEMORY: Final = 144
 """Samples, 12 h, for which a meal appears."""
+_SHARE_HORIZONS: Final = (48, 96, 144, 192, 288)
+"""Horizons, 4 to 24 h, from which `k` is found [samples]: over less time the readings tell what was eaten."""
+_WARM_UP: Final = 144
+"""Samples, 12 h, after which what was before the record no longer counts."""
+_STRIDE: Final = 6
+"""Minimum number of samples between origins."""
+_FORECASTS_PER_DAY: Final = 8.0
+"""Number of independent forecasts of a day, over all horizons."""
+_SHARE_SD: Final = 0.5
+"""Standard deviation of `k` before the record."""
 _MEAL_G: Final = 40.0
 """Meal by which the appearance of others is known where the gut is not linear."""
 
@@ -36,11 +52,33 @@ class TwinPredictor:
     usual: UsualDay
     mean_mg_dl: float
     """Mean of the readings of training."""
+    usual_share: float = 0.0
+    """Part of the carbohydrate to come that is the usual one although meals are known."""
 
     @classmethod
     def of(cls, mode: Mode, training: GriddedRecord) -> TwinPredictor:
         """Method of a person who was found from days of training."""
-        return cls(mode.patient, mode.p, usual_day(training), float(np.nanmean(training.reading_mg_dl)))
+        result = cls(mode.patient, mode.p, usual_day(training), float(np.nanmean(training.reading_mg_dl)))
+        return dataclasses.replace(result, usual_share=result.likely_usual_share(training))
+
+    def likely_usual_share(self, training: GriddedRecord) -> float:
+        """Most likely `k` for the days of training."""
+        origins, horizons = apart(origins_of(training, _WARM_UP), _STRIDE), np.array(_SHARE_HORIZONS)
+        entered, usual = (
+            dataclasses.replace(self, usual_share=share)
+            .forecast(training.padded(_SHARE_HORIZONS[-1]), origins, horizons, future_known=True)
+            .mean_mg_dl
+            for share in (0.0, 1.0)
+        )
+        targets = np.minimum(origins[:, None] + horizons, training.reading_mg_dl.size)
+        rest = np.append(training.reading_mg_dl, np.nan)[targets] - entered
+        there = np.isfinite(rest)
+        if not there.any():
+            return 0.0
+        change, rest = (usual - entered)[there], rest[there]
+        weight = _FORECASTS_PER_DAY * training.days / (rest.size * float(np.mean(rest**2)))
+        share = weight * float(change @ rest) / (weight * float(change @ change) + _SHARE_SD**-2)
+        return float(np.clip(share, 0.0, 1.0))
 
     def forecast(
         self, record: GriddedRecord, origins: Places, horizons: Places, *, future_known: bool
@@ -56,6 +94,7 @@ class TwinPredictor:
         back = (linear.return_mg_min, self.mean_mg_dl)
         future = self.usual.future(record, known=future_known)
         insulin = MU_PER_U / SAMPLE_MIN * future.insulin_U
+        share, usual_g = self.usual_share if future_known else 1.0, self.usual.carbs_g[record.clock]
         farthest = int(horizons.max(initial=1))
         length = next((length for length in _LENGTHS if length >= farthest), farthest)
         ahead = np.arange(1, length + 1)[:, None]
@@ -63,10 +102,9 @@ class TwinPredictor:
         for begin in range(0, origins.size, _TOGETHER):
             some = np.resize(origins[begin : begin + _TOGETHER], _TOGETHER)  # the last block is filled up
             at = np.minimum(some + ahead, record.reading_mg_dl.size - 1)
-            meals, more = moments[at], np.zeros(at.shape)
-            if not future_known:
-                meals = np.zeros_like(meals)
-                more = self._unknown_meals_mg_min(record, future.carbs_g, some, length)
+            meals, more = (1.0 - share) * moments[at], np.zeros(at.shape)
+            if share:
+                more = share * self._unknown_meals_mg_min(record, usual_g, some, length)
             inputs = (
                 insulin[at],
                 np.moveaxis(meals[..., 0], 1, -1),
