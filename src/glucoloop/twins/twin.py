@@ -30,6 +30,8 @@ TWIN: Final = "twin"
 """Name of the person in a table of people."""
 HORIZONS_MIN: Final = (30.0, 60.0, 120.0, 240.0)
 _MIN_MEALS: Final = 3
+_LEANT_ON: Final = 0.2
+"""Part of the usual carbohydrate in forecasts from which on it is told."""
 _UNIDENTIFIED: Final = 0.9
 """Ratio of the standard deviations after and before, from which on the record has not told a parameter."""
 _MIN_MEALS_A_DAY: Final = 2.0
@@ -86,6 +88,8 @@ class Twin:
     """Checks at each horizon, and of the day from midnight last; none without days held out."""
     day: ForecastErrors
     """Forecasts from midnight of the days held out, or of the last days that were used."""
+    usual_share: float
+    """Part of the carbohydrate to come that forecasts take from the usual day, although meals are entered."""
 
     @property
     def prior(self) -> Prior:
@@ -212,6 +216,11 @@ class Twin:
         if active < _MIN_ACTIVE:
             yield f"The sensor was active in {100.0 * active:.0f} % of the time; the consensus asks for 70 %."
         yield from record_sentences(plain)
+        if self.usual_share > _LEANT_ON:
+            yield (
+                f"Forecasts take {100.0 * self.usual_share:.0f} % of the carbohydrate to come from the usual day: what "
+                "is entered tells too little of it."
+            )
         if self.unidentified:
             yield (
                 f"The record says next to nothing of {', '.join(self.unidentified)}: the twin has there what the "
@@ -263,6 +272,7 @@ class Twin:
             },
             "unexplained": {name: float(value) for name, value in noises.items()},
             "fall_mg_dl_U": self.fall_mg_dl_U,
+            "usual_carbs_pct": 100.0 * self.usual_share,
             "record": self.on_record(),
             "checks": [check.row() for check in self.checks],
             "unidentified": list(self.unidentified),
@@ -320,7 +330,7 @@ def find_twin(
     banded = scaled(predictor, training)
     if not held_out_days:
         day = forecast_errors(banded, record, max(first_day - 2, 1), (), future_known=True)[DAY]
-        return Twin(mode=mode, record=record, held_out_days=0, checks=(), day=day)
+        return Twin(mode=mode, record=record, held_out_days=0, checks=(), day=day, usual_share=predictor.usual_share)
     if not record.of_days(first_day, record.days).days_with_readings:
         raise Refusal("the days that are held out have no readings; hold out more days, or none")
     errors, by_mean, by_time_of_day = (
@@ -332,7 +342,14 @@ def find_twin(
         for horizon, of_horizon in errors.items()
         if of_horizon.t_min.size
     )
-    return Twin(mode=mode, record=record, held_out_days=held_out_days, checks=checks, day=errors[DAY])
+    return Twin(
+        mode=mode,
+        record=record,
+        held_out_days=held_out_days,
+        checks=checks,
+        day=errors[DAY],
+        usual_share=predictor.usual_share,
+    )
 
 
 def _rmse(errors: ForecastErrors) -> float:
