@@ -39,8 +39,8 @@ _ANSWERS: Final = (
     CommandOption(
         "columns",
         "--columns",
-        "Columns of any other table: time, glucose_mg_dl or glucose_mmol_l, carbs_g, bolus_U, basal_U_h and glucagon_ug, "
-        "each by its name there.",
+        "Columns of any other table: time, glucose_mg_dl or glucose_mmol_l, carbs_g, bolus_U, basal_U_h and "
+        "glucagon_ug, each by its name there.",
         panel=_READING,
         metavar="COLUMN=NAME,...",
     ),

@@ -24,8 +24,8 @@ class Extract:
 
     Columns of ``frame``: ``row``, the number of the row in the file, which several rows here may share; ``time``, which
     is ``in_utc`` or on the wall, and ``utc_offset_min``; ``glucose``, ``carbs`` [g], ``bolus`` [U], ``long_acting`` (
-    insulin) [U], ``basal`` [U/h] and ``glucagon`` [ug], as texts or numbers; ``bolus_min``, the time over which a bolus is
-    given, and ``bolus_type``, `record.AUTOMATIC` or `record.MANUAL` where the file tells it;
+    insulin) [U], ``basal`` [U/h] and ``glucagon`` [ug], as texts or numbers; ``bolus_min``, the time over which a bolus
+    is given, and ``bolus_type``, `record.AUTOMATIC` or `record.MANUAL` where the file tells it;
     ``out_of_range``; ``device``, its kind; ``source``, the device or app itself, which no record has; ``person`` of a
     file of several; and ``kind``, in words what a row is that has no value, as ``alerts``. Every row of the file is
     there, whether the record can use it or not.
