@@ -1,7 +1,7 @@
 """A trial on a Dask cluster: workers die and come, and the bits are those of this process."""
 
 import contextlib
-import importlib
+import importlib.util
 import json
 import os
 import signal
@@ -17,7 +17,7 @@ from glucoloop.trials.computing import connected, run_here, run_on_cluster
 from glucoloop.trials.folder import trial_folder
 from glucoloop.trials.shard import compute_shard
 
-pytest.importorskip("distributed")
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra dask")
 PATIENCE_S = 300.0
 
 
