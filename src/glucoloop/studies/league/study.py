@@ -294,7 +294,7 @@ def _give_up_programs() -> None:
     """Give up the programs that JAX holds, and give their memory back; what is needed again is compiled again."""
     import jax
 
-    jax.clear_caches()
+    jax.clear_caches()  # type: ignore[no-untyped-call]
     gc.collect()
     with contextlib.suppress(AttributeError, OSError):  # another C library than GNU's
         ctypes.CDLL(None).malloc_trim(0)
