@@ -6,7 +6,7 @@
 Each line is a ``glucoloop trial`` of ``parker2000`` under linear MPC in float32 in a process of its own, from start to
 report page, with everything compiled before: wall time, time of all processors, the most memory that one process had,
 and patient-days in a second of a processor. Cores are those that the process may use, which Linux alone can limit. A
-person-day of simglucose on one core, in the same run, gives the last column; for its interpreter see
+person-day of simglucose, in the same run, by its processor time too, gives the last column; for its interpreter see
 ``benchmarks/closed_loop.py``. ``--small`` leaves out what has more than 3000 patient-days.
 """
 
@@ -57,7 +57,10 @@ def main() -> None:
     parser.add_argument("--simglucose-python", default=sys.executable, help="interpreter that can import simglucose")
     asked = parser.parse_args()
     other = simglucose(asked.simglucose_python)
-    print(f"simglucose: {other.get('absent') or format(other['day_s'], '.1f') + ' s a patient-day'}", flush=True)
+    print(
+        f"simglucose: {other.get('absent') or format(other['day_processor_s'], '.1f') + ' s of a processor for a patient-day'}",
+        flush=True,
+    )
     print(f"load {os.getloadavg()[0]:.1f}\n\n| People | Days | Cores | Dask workers | Wall, s | Processors, s ", end="")
     print("| Memory, MiB | Patient-days a processor second | Beside simglucose |\n|" + " ---: |" * 9, flush=True)
     for turn, (people, days, cores, workers) in enumerate([LINES[0], *LINES]):  # the first compiles
@@ -65,7 +68,7 @@ def main() -> None:
             continue
         spent = measured(people, days, cores, workers)
         rate = people * days / spent["seconds"]
-        beside = "" if "absent" in other else f"{rate * other['day_s']:.3g}"
+        beside = "" if "absent" in other else f"{rate * other['day_processor_s']:.3g}"
         cells = (
             f"{spent['wall_s']:.1f}",
             f"{spent['seconds']:.1f}",
