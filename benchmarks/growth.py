@@ -57,10 +57,9 @@ def main() -> None:
     parser.add_argument("--simglucose-python", default=sys.executable, help="interpreter that can import simglucose")
     asked = parser.parse_args()
     other = simglucose(asked.simglucose_python)
-    print(
-        f"simglucose: {other.get('absent') or format(other['day_processor_s'], '.1f') + ' s of a processor for a patient-day'}",
-        flush=True,
-    )
+    known = "absent" not in other
+    said = f"{other['day_processor_s']:.1f} s of a processor for a patient-day" if known else other["absent"]
+    print(f"simglucose: {said}", flush=True)
     print(f"load {os.getloadavg()[0]:.1f}\n\n| People | Days | Cores | Dask workers | Wall, s | Processors, s ", end="")
     print("| Memory, MiB | Patient-days a processor second | Beside simglucose |\n|" + " ---: |" * 9, flush=True)
     for turn, (people, days, cores, workers) in enumerate([LINES[0], *LINES]):  # the first compiles
@@ -68,7 +67,7 @@ def main() -> None:
             continue
         spent = measured(people, days, cores, workers)
         rate = people * days / spent["seconds"]
-        beside = "" if "absent" in other else f"{rate * other['day_processor_s']:.3g}"
+        beside = f"{rate * other['day_processor_s']:.3g}" if known else ""
         cells = (
             f"{spent['wall_s']:.1f}",
             f"{spent['seconds']:.1f}",
