@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import itertools
-import json
 import logging
 import re
 import signal
@@ -25,6 +24,7 @@ import glucoloop
 from glucoloop import arithmetic
 from glucoloop.component.setting import About, Default, declared_setting
 from glucoloop.refusal import Refusal, needed_for
+from glucoloop.schema.values import json_value
 from glucoloop.text import how_many, one_line
 from glucoloop.trials.folder import TrialFolder
 from glucoloop.trials.shard import Simulate, compute_shard
@@ -200,7 +200,7 @@ def _address_in(text: str) -> str:
     """
     if text.endswith(_FILE):
         try:
-            text = str(json.loads(read_regular(Path(text), _LARGEST_FILE))["address"])
+            text = str(json_value(read_regular(Path(text), _LARGEST_FILE))["address"])
         except (ValueError, KeyError, TypeError):
             raise Refusal(
                 f"{text} is no file of a Dask scheduler; have it written by: dask scheduler --scheduler-file {text}"
