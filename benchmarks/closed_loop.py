@@ -52,12 +52,13 @@ env = T1DSimEnv(
     scenario,
 )
 loop = SimObj(env, BBController(), timedelta(days=1), animate=False)
-ready = time.perf_counter()
+ready, spent = time.perf_counter(), time.process_time()
 loop.simulate()
 done = time.perf_counter()
 print(json.dumps({
     "import_s": imported - start,
     "day_s": done - ready,
+    "day_processor_s": time.process_time() - spent,
     "pandas": pandas.__version__,
     "samples": len(loop.results()) - 1,
 }))

@@ -54,7 +54,7 @@ open(sys.argv[2], "wb").write(record.parquet())
 def measured(command: tuple[str, ...], days: int) -> dict[str, Any]:
     """Memory [MiB] and processor time [s] of a command for so many days of three meals."""
     with tempfile.TemporaryDirectory() as place:
-        return _of_process(*command, "--scenario", f"week, days={days}", "--out", str(Path(place) / "out"), days=days)
+        return of_process(*command, "--scenario", f"week, days={days}", "--out", str(Path(place) / "out"), days=days)
 
 
 def measured_with_a_twin(days: int) -> list[dict[str, Any]]:
@@ -65,12 +65,13 @@ def measured_with_a_twin(days: int) -> list[dict[str, Any]]:
         subprocess.run([sys.executable, "-c", _RECORD, str(days), record], env={**os.environ, **shared}, check=True)
         length = ("--days", str(days))
         return [
-            _of_process(*TWIN, record, *length, "--out", twin, days=days),
-            _of_process(*REPLAY, record, *length, "--twin", twin, "--out", str(Path(place) / "out"), days=days),
+            of_process(*TWIN, record, *length, "--out", twin, days=days),
+            of_process(*REPLAY, record, *length, "--twin", twin, "--out", str(Path(place) / "out"), days=days),
         ]
 
 
-def _of_process(*command: str, days: int) -> dict[str, Any]:
+def of_process(*command: str, days: int) -> dict[str, Any]:
+    """The same of a command of glucoloop; processes that it starts count in its time, and the largest one in memory."""
     process = subprocess.Popen(
         [sys.executable, "-m", "glucoloop", *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )

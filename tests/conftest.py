@@ -56,6 +56,18 @@ LONG = {
 """Modules all of whose tests are `long`, by their folder."""
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Modules in which no test has the mark that is asked for are not even imported, which every worker would do."""
+    if not collection_path.match("test_*.py"):
+        return None
+    all_are_long = collection_path.stem in LONG.get(collection_path.parent.name, ())
+    if config.option.markexpr == "not long" and all_are_long:
+        return True
+    if config.option.markexpr == "long" and not all_are_long and b"mark.long" not in collection_path.read_bytes():
+        return True
+    return None
+
+
 def pytest_collection_finish():
     gc.freeze()  # modules stay
 

@@ -112,6 +112,14 @@ def test_the_package_of_the_wheel_answers(built, tmp_path):
     assert (tmp_path / "bin" / "glucoloop").exists()
 
 
+@pytest.mark.long
+def test_the_wheel_for_records_holds_the_same_package(built):
+    made = build(built.one.parent / "packaging" / "records", "wheel", dated="1700000000")
+    with zipfile.ZipFile(made / WHEEL.replace("glucoloop", "glucoloop_records")) as wheel:
+        held = {name for name in wheel.namelist() if ".dist-info/" not in name}
+    assert held == {file.removeprefix("src/") for file in built.files if file.startswith("src/")}
+
+
 def conda_name(requirement):
     """A requirement of PyPI as conda-forge spells it."""
     name, least = requirement.split(">=")

@@ -116,3 +116,51 @@ def test_no_module_imports_an_extra_unguarded():
             ):
                 unguarded.add(str(path.relative_to(SOURCE)))
     assert not unguarded
+
+
+RECORDS = tomllib.loads((SOURCE.parents[1] / "packaging/records/pyproject.toml").read_text(encoding="utf-8"))["project"]
+LEFT_OUT = {"diffrax", "jax", "llvmlite", "scipy"}
+WITHOUT = f"""
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name in {sorted(LEFT_OUT)!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Missing())
+from glucoloop.cli import program
+program()
+"""
+DEXCOM = "Index,Timestamp (YYYY-MM-DDThh:mm:ss),Event Type,Glucose Value (mg/dL)\n" + "".join(
+    f"{n},2026-01-{1 + n // 288:02}T{n // 12 % 24:02}:{5 * (n % 12):02}:00,EGV,{100 + n % 90}\n" for n in range(600)
+)
+
+
+def test_the_package_for_records_leaves_out_what_computes_and_nothing_else():
+    left_out = {one for one in PROJECT["dependencies"] if one.partition(">=")[0] in LEFT_OUT}
+    assert len(left_out) == len(LEFT_OUT)
+    assert RECORDS["dependencies"] == [one for one in PROJECT["dependencies"] if one not in left_out]
+    extras = PROJECT["optional-dependencies"]
+    assert all(extras[name] == needs for name, needs in RECORDS["optional-dependencies"].items())
+    assert all(RECORDS[key] == PROJECT[key] for key in ("scripts", "requires-python", "license"))
+
+
+@pytest.mark.long
+def test_records_are_read_and_reported_without_what_computes(tmp_path):
+    def said(*words, code=0):
+        done = subprocess.run(
+            [sys.executable, "-c", WITHOUT, *words], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == code, done.stderr
+        return done.stdout + done.stderr
+
+    (tmp_path / "clarity.csv").write_text(DEXCOM)
+    assert "600" in said("records", "clarity.csv", "--glucose-unit", "mg/dl", "--out", "record.parquet")
+    assert "report.html" in said("report", "record.parquet", "--out", "report")
+    assert {"report.html", "figure.png", "metrics.csv"} < {file.name for file in (tmp_path / "report").iterdir()}
+    assert "prediction_horizon" in said("list", "mpc")
+    assert "@software" in said("cite")
+    assert "SQL" in said("query", "--help")
+    told = "glucoloop: this computes with jax, which is not installed; install it with: pip install glucoloop.\n"
+    assert said("run", "--json", code=2) == told

@@ -1,6 +1,7 @@
 """The memory of a guard: what was lost is found again, for each person alone."""
 
 import dataclasses
+import itertools
 import math
 
 import jax
@@ -18,6 +19,7 @@ from glucoloop.control import (
 )
 from glucoloop.models.state_space import LinearModel
 from guarding import BASAL, EVERY, MPC, OPEN, Wants, follow, observe, step
+from naming import naming
 
 
 @pytree
@@ -97,26 +99,25 @@ def test_a_memory_that_is_finite_and_absurd_is_restarted():
 NONSENSE = [math.nan, math.inf, -math.inf, 1e300, -1e300, -7.0, 0.5]
 
 
-@pytest.mark.parametrize("word", range(len(jax.tree.leaves(guarded(MPC).init(observe(100.0))))))
-def test_every_word_of_its_memory_may_be_lost(word):
+def test_every_word_of_its_memory_may_be_lost():
     """The dose keeps its limits at once, and every number of the state is one again."""
     guard = guarded(MPC)
-    state = follow(guard, [81.0, 90.0, 100.0, 110.0, 118.0])[2][-1]
-    leaves, structure = jax.tree.flatten(state)
-    for nonsense in NONSENSE:
-        lost = jax.tree.unflatten(
-            structure, [*leaves[:word], jnp.full_like(leaves[word], nonsense), *leaves[word + 1 :]]
-        )
-        delivered = 30.0
-        for reading in (120.0, 122.0, 123.0):
-            lost, decision = step(guard, lost, observe(reading, delivered))
-            assert 0.0 <= decision.insulin_mU_min <= 66.9
-            assert abs(decision.insulin_mU_min - delivered) <= 16.7 + 1e-9
-            assert int(decision.status) in set(Status)
-            delivered = float(decision.insulin_mU_min)
-        for leaf in jax.tree.leaves(lost):
-            assert np.all(np.isfinite(leaf))
-            assert np.all(np.abs(leaf) <= 1e4)
+    leaves, structure = jax.tree.flatten(follow(guard, [81.0, 90.0, 100.0, 110.0, 118.0])[2][-1])
+    for word, nonsense in itertools.product(range(len(leaves)), NONSENSE):
+        with naming(f"word {word} is {nonsense}"):
+            lost = jax.tree.unflatten(
+                structure, [*leaves[:word], jnp.full_like(leaves[word], nonsense), *leaves[word + 1 :]]
+            )
+            delivered = 30.0
+            for reading in (120.0, 122.0, 123.0):
+                lost, decision = step(guard, lost, observe(reading, delivered))
+                assert 0.0 <= decision.insulin_mU_min <= 66.9
+                assert abs(decision.insulin_mU_min - delivered) <= 16.7 + 1e-9
+                assert int(decision.status) in set(Status)
+                delivered = float(decision.insulin_mU_min)
+            for leaf in jax.tree.leaves(lost):
+                assert np.all(np.isfinite(leaf))
+                assert np.all(np.abs(leaf) <= 1e4)
 
 
 def test_a_basal_rate_that_was_lost_is_found_again():

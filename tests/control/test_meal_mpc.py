@@ -19,7 +19,6 @@ from glucoloop.simulation import nonlinear_model, simulate
 from glucoloop.simulation.internal_model import InternalModel
 
 SETPOINT = 81.1
-PATIENT = patient()
 
 
 def seen(reading, *, delivered=25.6060573442, valid=True, announced=0.0):
@@ -45,7 +44,7 @@ step = jax.jit(lambda controller, state, observation: controller.explained_step(
 
 @pytest.fixture(scope="module")
 def model():
-    return nonlinear_model(PATIENT)
+    return nonlinear_model(patient())
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +66,7 @@ def calm(quiet):
 
 @pytest.fixture(scope="module")
 def unannounced(quiet):
-    return simulate(PATIENT, quiet)
+    return simulate(patient(), quiet)
 
 
 # ----------------------------------------------------------------------------------------------------- in the loop
@@ -84,7 +83,7 @@ def test_a_meal_that_nobody_announced_hardly_shows_without_noise(unannounced):
 
 @pytest.mark.long
 def test_an_announced_meal_shows_less(unannounced, quiet):
-    announced = simulate(PATIENT, quiet, scenario=Scenario(announced=True))
+    announced = simulate(patient(), quiet, scenario=Scenario(announced=True))
     away = np.abs(np.asarray(announced.fine_glucose_mg_dl) - SETPOINT)
     assert away.max() <= 1.0 < np.abs(np.asarray(unannounced.fine_glucose_mg_dl) - SETPOINT).max()
     # insulin begins with the meal, and not when glucose tells of it
@@ -95,7 +94,7 @@ def test_an_announced_meal_shows_less(unannounced, quiet):
 @pytest.mark.long
 def test_a_known_dead_time_is_bridged(unannounced, calm):
     """What was read 15 min ago tells of a meal 15 min later; for the rest the loop is the same."""
-    late = simulate(PATIENT, calm.replaced(dead_time_samples=3), dead_time(3))
+    late = simulate(patient(), calm.replaced(dead_time_samples=3), dead_time(3))
     here, there = (np.asarray(t.fine_glucose_mg_dl) - SETPOINT for t in (unannounced, late))
     assert here.max() + 2.0 < there.max() < here.max() + 8.0
     assert np.abs(there[-60:]).max() < 0.1
@@ -106,7 +105,7 @@ def test_no_lasting_error_is_left_for_somebody_whom_the_model_does_not_fit(model
     """Offset-free: a person who needs another basal rate than the controller was told."""
     slow = design_meal_mpc(model, MealTuning(anticipation=0.0))
     told_wrong = slow.with_basal(jnp.asarray(0.8 * 25.6060573442))
-    trace = simulate(PATIENT, told_wrong, scenario=Scenario([], 600.0))
+    trace = simulate(patient(), told_wrong, scenario=Scenario([], 600.0))
     glucose = np.asarray(trace.fine_glucose_mg_dl)
     assert np.abs(glucose - SETPOINT).max() > 0.5
     assert np.abs(glucose[-60:] - SETPOINT).max() < 0.1
@@ -194,7 +193,7 @@ def test_the_plan_minimises_the_objective_of_the_docstring(exact):
 @pytest.mark.long
 def test_rough_derivatives_hardly_change_what_is_given(model, exact):
     """Decisions on the same readings, of a meal with noise: what differs is small beside the rates that are given."""
-    readings = np.asarray(simulate(PATIENT, design_meal_mpc(model), sensor=white_noise(1.45)).reading_mg_dl)
+    readings = np.asarray(simulate(patient(), design_meal_mpc(model), sensor=white_noise(1.45)).reading_mg_dl)
 
     def given(controller):
         state, delivered, rates = controller.init(seen(readings[0])), 25.6060573442, []
@@ -213,8 +212,8 @@ def test_rough_derivatives_hardly_change_what_is_given(model, exact):
 
 @pytest.mark.long
 def test_a_basal_rate_that_is_too_small_leaves_no_offset(quiet):
-    told = quiet.for_person(0.7 * PATIENT.basal_insulin_mU_min)
-    trace = simulate(PATIENT, told, scenario=Scenario([], 1440.0))
+    told = quiet.for_person(0.7 * patient().basal_insulin_mU_min)
+    trace = simulate(patient(), told, scenario=Scenario([], 1440.0))
     late = np.asarray(trace.glucose_mg_dl)[-144:] - float(trace.setpoint_mg_dl)
     assert np.abs(late.mean()) < 0.2
 

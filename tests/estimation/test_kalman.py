@@ -1,6 +1,5 @@
 import warnings
 
-import control
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -38,6 +37,8 @@ def test_the_gain_agrees_with_python_control_and_scipy(seed):
     design = steady_state_gain(Phi, C, Q, R)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # python-control's own use of NumPy
+        import control  # of a second, which the collection need not take
+
         L, P, _ = control.dlqe(Phi, np.eye(4), C[None], Q, np.array([[R]]))
     np.testing.assert_allclose(design.prediction_covariance, P, rtol=1e-8)
     # dlqe gives the gain of the predictor form, Phi K.

@@ -1,5 +1,6 @@
 """What holds whatever fails: balances, limits, and that a loop finds back when a fault is over."""
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -136,8 +137,12 @@ def test_doses_keep_the_limits_whatever_fails(controller, texts, key):
 
 # finding back
 
-PEOPLE = virtual_people(population("nominal"), 0, np.zeros(2, int))
 BACK_MG_DL = 5.0
+
+
+@functools.cache
+def two_people():
+    return virtual_people(population("nominal"), 0, np.zeros(2, int))
 
 
 @dataclass(frozen=True)
@@ -198,7 +203,7 @@ def gaps(name, guard, horizon_min):
     )
     cohort = Cohort(
         nominal,
-        PEOPLE.patient,
+        two_people().patient,
         controller,
         sensor_with_gap(np.float64(1.0), np.float64(1.0), 0.0),
         LimitedPump(),
@@ -206,7 +211,7 @@ def gaps(name, guard, horizon_min):
         accumulator,
         setpoint_mg_dl=float(nominal.setpoint_mg_dl),
         meals=eaten([Meal(50.0, 50.0)]),
-        varied_controller=given_profile(controller, PEOPLE.profile),
+        varied_controller=given_profile(controller, two_people().profile),
         varied_sensor=sensor_with_gap(np.ones(2), np.ones(2), 0.0),
     )
     return Gaps(cohort=cohort, controller=controller, accumulator=accumulator, samples=grid.samples)

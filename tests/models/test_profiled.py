@@ -1,6 +1,7 @@
 """A person by profile: steps against SciPy, and insulin and carbohydrate that act as the profile says."""
 
 import dataclasses
+import functools
 import math
 
 import jax
@@ -16,19 +17,29 @@ from glucoloop.simulation import linear_model, nonlinear_model
 from glucoloop.therapy import Profile
 
 GUT = GutCompartments(time_to_peak_min=40.0)
-PATIENT = gl.patient("hovorka-2004")
-MODEL = profiled_model(nonlinear_model(PATIENT), linear_model(PATIENT), GUT, 75.0)
-BASAL = float(PATIENT.basal_insulin_mU_min)
-STEP = MODEL.step_of(5.0)
 advance = jax.jit(lambda model, x, insulin, flux, step: model.advance(x, insulin, flux, step))
+
+
+@functools.cache
+def hovorka():
+    return gl.patient("hovorka-2004")
+
+
+@functools.cache
+def nominal():
+    return profiled_model(nonlinear_model(hovorka()), linear_model(hovorka()), GUT, 75.0)
+
+
+def basal_mU_min():
+    return float(hovorka().basal_insulin_mU_min)
 
 
 def course(model, bolus_U, carbs_g, minutes=ACTION_MIN):
     """Glucose after each sample from a bolus and a meal on."""
-    x, gut, found = MODEL.nominal.state, jnp.array([1000.0 * carbs_g, 0.0]), []
+    x, gut, found = nominal().nominal.state, jnp.array([1000.0 * carbs_g, 0.0]), []
     for k in range(round(minutes / 5.0)):
         flux = model.meal_gain * GUT.appearance_mg_min(gut, 5.0)
-        x = advance(model, x, model.basal_mU_min + (200.0 * bolus_U if k == 0 else 0.0), flux, STEP)
+        x = advance(model, x, model.basal_mU_min + (200.0 * bolus_U if k == 0 else 0.0), flux, nominal().step_of(5.0))
         gut = GUT.after(gut, 5.0)
         found.append(float(model.glucose_mg_dl(x)))
     return np.array(found)
@@ -36,43 +47,43 @@ def course(model, bolus_U, carbs_g, minutes=ACTION_MIN):
 
 @pytest.mark.long
 def test_a_meal_and_insulin_act_on_the_nominal_person_as_his_equations_say():
-    x = solved = np.asarray(MODEL.nominal.state)
-    for insulin, flux in ((300.0, 200.0), (BASAL, 600.0), (0.0, 500.0), (0.0, 300.0), (10.0, 0.0)) * 3:
+    x = solved = np.asarray(nominal().nominal.state)
+    for insulin, flux in ((300.0, 200.0), (basal_mU_min(), 600.0), (0.0, 500.0), (0.0, 300.0), (10.0, 0.0)) * 3:
 
         def rates(t, x, insulin=insulin, flux=flux):
-            return PATIENT.derivative(0.0, jnp.asarray(x), inputs_of(jnp.asarray(insulin), jnp.asarray(flux)))
+            return hovorka().derivative(0.0, jnp.asarray(x), inputs_of(jnp.asarray(insulin), jnp.asarray(flux)))
 
         solved = solve_ivp(jax.jit(rates), (0.0, 5.0), solved, rtol=1e-9, atol=1e-12).y[:, -1]
-        x = advance(MODEL, x, insulin, flux, STEP)
-        assert float(MODEL.glucose_mg_dl(x)) == pytest.approx(float(PATIENT.glucose_mg_dl(solved)), abs=0.3)
+        x = advance(nominal(), x, insulin, flux, nominal().step_of(5.0))
+        assert float(nominal().glucose_mg_dl(x)) == pytest.approx(float(hovorka().glucose_mg_dl(solved)), abs=0.3)
         np.testing.assert_allclose(x[3:], solved[3:], rtol=1e-7)  # insulin is linear, and its steps are exact
 
 
 def test_a_long_step_goes_where_short_ones_go():
-    far = MODEL.step_of(30.0)
-    x = short = MODEL.nominal.state
+    far = nominal().step_of(30.0)
+    x = short = nominal().nominal.state
     for insulin, flux in ((10.0, 300.0), (30.0, 200.0), (0.0, 100.0), (6.0, 0.0)):
-        x = advance(MODEL, x, insulin, flux, far)
+        x = advance(nominal(), x, insulin, flux, far)
         for _ in range(6):
-            short = advance(MODEL, short, insulin, flux, STEP)
+            short = advance(nominal(), short, insulin, flux, nominal().step_of(5.0))
         assert float(x[0]) == pytest.approx(float(short[0]), rel=0.03)
         np.testing.assert_allclose(x[3:], short[3:], rtol=1e-9)
 
 
 def test_rest_is_rest_for_everybody():
-    model = MODEL.with_profile(Profile(basal_mU_min=20.0, setpoint_mg_dl=120.0, carb_ratio_g_U=9.0))
+    model = nominal().with_profile(Profile(basal_mU_min=20.0, setpoint_mg_dl=120.0, carb_ratio_g_U=9.0))
     np.testing.assert_allclose(
-        advance(model, MODEL.nominal.state, 20.0, 0.0, MODEL.step_of(60.0)), MODEL.nominal.state, rtol=1e-9
+        advance(model, nominal().nominal.state, 20.0, 0.0, nominal().step_of(60.0)), nominal().nominal.state, rtol=1e-9
     )
 
 
 @pytest.mark.parametrize(("ratio", "factor"), [(10.0, 40.0), (23.5, 90.0), (40.0, 60.0)])
 def test_insulin_and_carbohydrate_act_as_the_profile_says(ratio, factor):
-    model = MODEL.with_profile(
+    model = nominal().with_profile(
         Profile(basal_mU_min=12.0, setpoint_mg_dl=120.0, carb_ratio_g_U=ratio, correction_mg_dl_U=factor)
     )
     # in the nominal person both are an hour's basal dose, for which the factor was found
-    bolus_U = 60.0 / 1000.0 * BASAL / float(model.insulin_gain)
+    bolus_U = 60.0 / 1000.0 * basal_mU_min() / float(model.insulin_gain)
     assert 120.0 - course(model, bolus_U, 0.0).min() == pytest.approx(factor * bolus_U, rel=1e-6)
     carbs_g = MEAL_G / float(model.meal_gain)
     end = course(model, carbs_g / ratio, carbs_g)[-1]
@@ -89,36 +100,36 @@ def test_a_profile_in_which_insulin_does_next_to_nothing_is_not_believed(daily_d
         correction_mg_dl_U=2.0,
         total_daily_dose_U=daily_dose_U,
     )
-    model = MODEL.with_profile(profile)
+    model = nominal().with_profile(profile)
     daily_U = daily_dose_U or 28.8  # twice 10 mU/min for a day
     factor = model.insulin_gain * model.own_correction_mg_dl_U
     ratio = model.insulin_gain * model.own_carb_ratio_g_U / model.meal_gain
     assert float(factor) == pytest.approx(0.43 * 1800.0 / daily_U)
     assert float(ratio) == pytest.approx(0.29 * 500.0 / daily_U)
-    sensitive = MODEL.with_profile(dataclasses.replace(profile, correction_mg_dl_U=500.0))
+    sensitive = nominal().with_profile(dataclasses.replace(profile, correction_mg_dl_U=500.0))
     assert float(sensitive.insulin_gain) == pytest.approx(500.0 / float(model.own_correction_mg_dl_U))
 
 
 def test_the_nominal_person_is_believed_however_little_insulin_does():
-    weak = dataclasses.replace(MODEL, own_correction_mg_dl_U=8.0, own_carb_ratio_g_U=4.0)
-    for basal in (BASAL, 2.0 * BASAL):  # who needs twice as much answers half as much
+    weak = dataclasses.replace(nominal(), own_correction_mg_dl_U=8.0, own_carb_ratio_g_U=4.0)
+    for basal in (basal_mU_min(), 2.0 * basal_mU_min()):  # who needs twice as much answers half as much
         own = Profile(
             basal_mU_min=basal,
             setpoint_mg_dl=120.0,
-            carb_ratio_g_U=4.0 * BASAL / basal,
-            correction_mg_dl_U=8.0 * BASAL / basal,
+            carb_ratio_g_U=4.0 * basal_mU_min() / basal,
+            correction_mg_dl_U=8.0 * basal_mU_min() / basal,
         )
         told = weak.with_profile(own)
-        assert float(told.insulin_gain) == pytest.approx(BASAL / basal)
+        assert float(told.insulin_gain) == pytest.approx(basal_mU_min() / basal)
         assert float(told.meal_gain) == pytest.approx(1.0)
         less = weak.with_profile(dataclasses.replace(own, correction_mg_dl_U=own.correction_mg_dl_U / 3.0))
-        assert float(less.insulin_gain) == pytest.approx(BASAL / basal)
+        assert float(less.insulin_gain) == pytest.approx(basal_mU_min() / basal)
 
 
 def test_a_reaction_is_the_factor_times_the_basal_rate_apart():
     """Small doses of two people whose factors differ by a factor of two move glucose by amounts that do so, too."""
     models = [
-        MODEL.with_profile(Profile(basal_mU_min=10.0, setpoint_mg_dl=120.0, correction_mg_dl_U=factor))
+        nominal().with_profile(Profile(basal_mU_min=10.0, setpoint_mg_dl=120.0, correction_mg_dl_U=factor))
         for factor in (40.0, 80.0)
     ]
     first, second = (120.0 - course(model, 0.01, 0.0).min() for model in models)
@@ -126,28 +137,30 @@ def test_a_reaction_is_the_factor_times_the_basal_rate_apart():
 
 
 def test_what_is_not_known_follows_from_basal_rate_and_weight():
-    heavy = MODEL.with_profile(Profile(basal_mU_min=2.0 * BASAL, setpoint_mg_dl=120.0, weight_kg=100.0))
+    heavy = nominal().with_profile(Profile(basal_mU_min=2.0 * basal_mU_min(), setpoint_mg_dl=120.0, weight_kg=100.0))
     assert float(heavy.insulin_gain) == pytest.approx(0.5)
     assert float(heavy.meal_gain) == pytest.approx(0.75)
-    basal_alone = MODEL.with_profile(Profile(basal_mU_min=BASAL, setpoint_mg_dl=120.0))
+    basal_alone = nominal().with_profile(Profile(basal_mU_min=basal_mU_min(), setpoint_mg_dl=120.0))
     assert (float(basal_alone.insulin_gain), float(basal_alone.meal_gain)) == (1.0, 1.0)
 
 
 def test_people_whose_profiles_hold_more_or_less_have_the_models_of_each_alone():
     values = {"basal_mU_min": [6.0, 12.0, 9.0], "carb_ratio_g_U": [12.0, math.nan, 20.0]}
     values |= {"correction_mg_dl_U": [50.0, 70.0, math.nan]}
-    many = MODEL.with_profile(Profile(setpoint_mg_dl=120.0, **{name: jnp.array(of) for name, of in values.items()}))
+    many = nominal().with_profile(Profile(setpoint_mg_dl=120.0, **{name: jnp.array(of) for name, of in values.items()}))
     for i in range(3):
-        one = MODEL.with_profile(Profile(setpoint_mg_dl=120.0, **{name: of[i] for name, of in values.items()}))
+        one = nominal().with_profile(Profile(setpoint_mg_dl=120.0, **{name: of[i] for name, of in values.items()}))
         # XLA divides an array by a number as it multiplies by the reciprocal, which rounds otherwise
         assert float(one.insulin_gain) == pytest.approx(float(many.insulin_gain[i]), rel=1e-15)
         assert float(one.meal_gain) == pytest.approx(float(many.meal_gain[i]), rel=1e-15)
 
 
 def test_meals_reach_glucose_and_not_insulin():
-    assert MODEL.fed_states() == (0, 1, 2)  # both compartments of glucose, and the interstitial one
-    effect = jax.grad(lambda meal: PATIENT.derivative(0.0, MODEL.nominal.state, inputs_of(jnp.asarray(BASAL), meal))[0])
-    np.testing.assert_allclose(MODEL.E, [float(effect(0.0)), *[0.0] * 8], rtol=1e-6)
+    assert nominal().fed_states() == (0, 1, 2)  # both compartments of glucose, and the interstitial one
+    effect = jax.grad(
+        lambda meal: hovorka().derivative(0.0, nominal().nominal.state, inputs_of(jnp.asarray(basal_mU_min()), meal))[0]
+    )
+    np.testing.assert_allclose(nominal().E, [float(effect(0.0)), *[0.0] * 8], rtol=1e-6)
 
 
 def test_what_goes_into_the_gut_comes_out():
@@ -159,6 +172,6 @@ def test_what_goes_into_the_gut_comes_out():
 
 
 def test_a_linear_model_without_meals_is_refused():
-    linear = dataclasses.replace(linear_model(PATIENT), Psi=None)
+    linear = dataclasses.replace(linear_model(hovorka()), Psi=None)
     with pytest.raises(ValueError, match="does not say what a meal does; give one with a disturbance"):
-        profiled_model(MODEL.nominal, linear, GUT, None)
+        profiled_model(nominal().nominal, linear, GUT, None)

@@ -1,5 +1,7 @@
 """The average person of the simulator of 2008: rest, balances, and what is refused."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,8 +15,12 @@ from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.dalla_man import STATE_NAMES, DallaManPatient
 from glucoloop.patients.variation import Variation
 
-PATIENT = gl.patient("uva-padova-2008")
 C = DallaManPatient.nominal
+
+
+@functools.cache
+def average():
+    return gl.patient("uva-padova-2008")
 
 
 def insulin_at_rest(rate_mU_min):
@@ -25,8 +31,8 @@ def insulin_at_rest(rate_mU_min):
 
 
 def test_the_state_at_rest_is_that_of_the_balances_by_hand():
-    rate = float(PATIENT.basal_insulin_mU_min)
-    x = dict(zip(STATE_NAMES, np.asarray(PATIENT.steady_state(rate)), strict=True))
+    rate = float(average().basal_insulin_mU_min)
+    x = dict(zip(STATE_NAMES, np.asarray(average().steady_state(rate)), strict=True))
     insulin = insulin_at_rest(rate)
     assert x["G_p"] / C["V_G"] == pytest.approx(120.0)
     assert x["I_p"] / C["V_I"] == pytest.approx(insulin)
@@ -67,7 +73,7 @@ def test_what_is_not_made_or_taken_up_is_conserved(state, meal, insulin):
 
 @jax.jit
 def _rates(x, insulin, meal):
-    return PATIENT.derivative(jnp.zeros(()), x, Inputs(insulin_mU_min=insulin, meal_mg_min=meal))
+    return average().derivative(jnp.zeros(()), x, Inputs(insulin_mU_min=insulin, meal_mg_min=meal))
 
 
 @given(STATES)
@@ -83,7 +89,7 @@ def test_there_is_no_spurious_rest_without_glucose():
     x = jnp.zeros(10)
     assert float(_rates(x, jnp.zeros(()), jnp.zeros(()))[0]) == pytest.approx(C["k_p1"])
     with pytest.raises(ValueError, match="no physiological steady state exists at 500 mU/min"):
-        PATIENT.steady_state(500.0)
+        average().steady_state(500.0)
 
 
 @pytest.mark.long
@@ -111,5 +117,5 @@ def test_an_impossible_population_is_refused():
 
 def test_glucose_is_read_in_plasma_and_in_the_interstitium():
     x = jnp.arange(10.0) + 100.0
-    assert float(PATIENT.glucose_mg_dl(x)) == pytest.approx(100.0 / 1.88)
-    assert float(PATIENT.seen_mg_dl(x, "interstitial")) == pytest.approx(102.0 / 1.88)
+    assert float(average().glucose_mg_dl(x)) == pytest.approx(100.0 / 1.88)
+    assert float(average().seen_mg_dl(x, "interstitial")) == pytest.approx(102.0 / 1.88)

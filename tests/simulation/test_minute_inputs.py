@@ -1,6 +1,7 @@
 """Inputs that are held over minutes: exercise and rhythms, in every loop, and nowhere else."""
 
 import dataclasses
+import functools
 from typing import ClassVar
 
 import jax
@@ -91,10 +92,14 @@ def by(patient, scenario, integrator=None):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("patient", "exercise"),
-    [(Kanderian.resting_at(120.0), BOUTS), *((gl.patient(name), ()) for name in WITH_RHYTHMS)],
+    ("patient_of", "exercise"),
+    [
+        (lambda: Kanderian.resting_at(120.0), BOUTS),
+        *((functools.partial(gl.patient, name), ()) for name in WITH_RHYTHMS),
+    ],
 )
-def test_the_fast_integrator_is_the_adaptive_one(patient, exercise):
+def test_the_fast_integrator_is_the_adaptive_one(patient_of, exercise):
+    patient = patient_of()
     fast, truth = (by(patient, day(exercise=exercise), of) for of in (None, Adaptive(1e-11)))
     plain = by(patient, day(rhythms=(), exercise=(), start_min=None, rhythm_seed=0, rhythm_person=0))
     difference = np.abs(np.asarray(fast.fine_glucose_mg_dl) - truth.fine_glucose_mg_dl)

@@ -44,12 +44,9 @@ def basal(person):
     return gl.design_open_loop(person.basal_insulin_mU_min, sample_time_min=5.0)
 
 
-def names():
-    points = [(entry.name, point.name) for entry in PATIENTS.values() for point in entry.operating_points]
-    return [(name, point) for name, point in points if isinstance(gl.patient(name, point), SemilinearPatient)]
-
-
-@pytest.mark.parametrize(("name", "point"), names())
+@pytest.mark.parametrize(
+    ("name", "point"), [(entry.name, point.name) for entry in PATIENTS.values() for point in entry.operating_points]
+)
 def test_the_forms_of_every_patient_are_the_same(name, point):
     patient = gl.patient(name, point)
     if not isinstance(patient, SemilinearPatient):

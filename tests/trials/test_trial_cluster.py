@@ -1,7 +1,7 @@
 """A trial on a Dask cluster: workers die and come, and the bits are those of this process."""
 
 import contextlib
-import importlib
+import importlib.util
 import json
 import os
 import signal
@@ -17,7 +17,7 @@ from glucoloop.trials.computing import connected, run_here, run_on_cluster
 from glucoloop.trials.folder import trial_folder
 from glucoloop.trials.shard import compute_shard
 
-pytest.importorskip("distributed")
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra dask")
 PATIENCE_S = 300.0
 
 
@@ -52,10 +52,9 @@ def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
         until = time.monotonic() + PATIENCE_S
         while not (place.exists() and place.read_text().endswith("\n}")) and time.monotonic() < until:
             time.sleep(0.05)
-        address = json.loads(place.read_text())["address"]
-        client = stack.enter_context(connected(address))
+        client = stack.enter_context(connected(str(place)))
         client.wait_for_workers(2, timeout=PATIENCE_S)
-        done = []
+        done, told = [], []
 
         def progress(people):
             done.append(people)
@@ -63,11 +62,12 @@ def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
                 first.send_signal(signal.SIGKILL)
 
         with trial_folder(tmp_path / "cluster", trial) as folder:
-            run_on_cluster(folder, client, progress)
+            run_on_cluster(folder, client, progress, told.append)
             assert folder.missing() == []
         assert first.wait(PATIENCE_S) == -signal.SIGKILL
         assert len(client.nthreads()) == 1
     assert done == [1] * 12
+    assert told == ["1 worker was lost; 1 worker computes what is left, or others that come."]
     prepared = engine.prepare(trial)
     with trial_folder(tmp_path / "here", trial) as folder:
         run_here(folder, lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces))
@@ -129,6 +129,20 @@ def test_nobody_at_the_address(monkeypatch):
         connected("tcp://127.0.0.1:9"),
     ):
         pass
+
+
+def test_a_file_that_is_no_schedulers_is_refused(tmp_path):
+    place = tmp_path / "s.json"
+    with pytest.raises(FileNotFoundError), connected(str(place)):
+        pass
+    for text in ("{", "{}", "[]", "\xff"):
+        place.write_text(text)
+        with pytest.raises(Refusal, match="is no file of a Dask scheduler"), connected(str(place)):
+            pass
+    place.write_text(json.dumps({"address": "tcp://ann:s3cret@10.0.0.1:8786"}))
+    with pytest.raises(Refusal, match="no address of a scheduler") as refused, connected(str(place)):
+        pass
+    assert "s3cret" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -158,7 +158,8 @@ WORKERS: Final = CommandOption(
 DASK: Final = CommandOption(
     "dask",
     "--dask",
-    "Compute on a Dask cluster: the address of its scheduler, like tcp://10.0.0.1:8786, or local.",
+    "Compute on a Dask cluster: the address of its scheduler, like tcp://10.0.0.1:8786, its file, which ends in .json, "
+    "or local.",
     panel=WORK_PANEL,
     metavar="ADDRESS",
 )

@@ -24,6 +24,8 @@ T = TypeVar("T")
 _LONGEST: Final = 2000
 _LIBRARIES_WITH_MEMORY: Final = ("_duckdb", "duckdb", "llvmlite", "polars", "pyarrow")
 """Libraries that say that memory ran out by errors of their own, which are no RuntimeErrors."""
+_COMPUTING: Final = ("diffrax", "jax", "jaxlib", "llvmlite", "scipy")
+"""Libraries of a simulation, which the package glucoloop-records leaves out."""
 _OUT_OF_MEMORY: Final = ("resource_exhausted", "out of memory", "bad_alloc", "bad allocation", "cannot allocate memory")
 """Words of libraries, in small letters, where memory ran out; XLA gives the first two."""
 KEPT_RESULTS: Final[ContextVar[str | None]] = ContextVar("results", default=None)
@@ -58,6 +60,8 @@ def sentence(error: BaseException) -> str | None:
         return _with_results(f"{one_line(error)}; choose another place")
     if isinstance(error, OSError):
         return _of_the_system(error)
+    if isinstance(error, ModuleNotFoundError) and error.name in _COMPUTING:
+        return f"this computes with {error.name}, which is not installed; install it with: pip install glucoloop"
     if not isinstance(error, Refusal):
         return None
     command = COMMAND.get()

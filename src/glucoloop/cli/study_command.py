@@ -265,7 +265,7 @@ def _compute_shards(folder: TrialFolder, workers: Workers) -> None:
         if client is not None and not client.nthreads():
             note([f"No worker has come to {workers.dask} yet; waiting for one."])
         more = stack.enter_context(counted(folder.trial.people, folder.people_done(), "people"))
-        workers.compute(prepared, folder, client, more)
+        workers.compute(prepared, folder, client, more, lambda sentence: note([sentence]))
 
 
 def _run_search(study: SearchStudy, request: CommandRequest) -> StudyOutcome:

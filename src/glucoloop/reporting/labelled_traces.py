@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Status
 from glucoloop.metrics.readings.series import stretches
-from glucoloop.physiology.exercise import Exercise
 from glucoloop.refusal import Refusal
-from glucoloop.simulation import Trace
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U
+
+if TYPE_CHECKING:
+    from glucoloop.physiology.exercise import Exercise
+    from glucoloop.simulation import Trace
 
 _MAX_PERIODS: Final = 3
 
@@ -189,7 +191,7 @@ def _extended_to_the_end(rates: npt.ArrayLike) -> Floats:
 
 def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
     """Runs of a trace, or of several by label; Refusal for none, one of many people, or different meals."""
-    named = {"glucose": traces} if isinstance(traces, Trace) else traces
+    named = traces if isinstance(traces, Mapping) else {"glucose": traces}
     if not named:
         raise Refusal("there is no trace to show; give at least one")
     runs = [PlottedRun(str(label), trace) for label, trace in named.items()]

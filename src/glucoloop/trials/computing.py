@@ -17,16 +17,19 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.component.setting import About, Default, declared_setting
 from glucoloop.refusal import Refusal, needed_for
+from glucoloop.schema.values import json_value
 from glucoloop.text import how_many, one_line
 from glucoloop.trials.folder import TrialFolder
 from glucoloop.trials.shard import Simulate, compute_shard
 from glucoloop.trials.trial import Trial
+from glucoloop.user_file import read_regular
 
 if TYPE_CHECKING:
     from glucoloop.trials.engine import PreparedTrial
@@ -45,6 +48,9 @@ _MAX_LABELS: Final = 5
 _designing = threading.Lock()
 _ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]*://[^\s/@?#]+(/[\w./-]*)?")
 """Address of a scheduler of Dask, which holds nothing that is secret."""
+_FILE: Final = ".json"
+"""End of the name of a file of a scheduler."""
+_LARGEST_FILE: Final = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,7 @@ class Workers:
         """The place that options name; Refusal for one that cannot be used, before anything is designed."""
         workers = None if number is None else _NUMBER.check(_NUMBER.read(number))
         if dask not in (None, _LOCAL):
-            _refuse_no_address(dask)
+            dask = _address_in(dask)
         if dask not in (None, _LOCAL) and workers is not None:
             raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
         if dask is not None:
@@ -72,16 +78,24 @@ class Workers:
         return contextlib.nullcontext() if self.dask is None else connected(self.dask, self.number)
 
     def compute(
-        self, prepared: PreparedTrial, folder: TrialFolder, client: Any, progress: Callable[[float], None]
+        self,
+        prepared: PreparedTrial,
+        folder: TrialFolder,
+        client: Any,
+        progress: Callable[[float], None],
+        told: Callable[[str], None],
     ) -> None:
-        """Compute the missing shards of a folder; `progress` is called with the number of people done since before."""
+        """Compute the missing shards of a folder; `progress` is called with the number of people done since before.
+
+        `told` is called with a sentence on workers of a cluster that are lost.
+        """
         from glucoloop.trials.engine import run_people
 
         def done(people: float) -> None:
             progress(people / len(folder.trial.cases))  # which come once under each controller
 
         if client is not None:
-            run_on_cluster(folder, client, done)
+            run_on_cluster(folder, client, done, told)
             return
         run_here(
             folder,
@@ -150,18 +164,19 @@ def _shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[s
 def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     """A client of the scheduler at an address, or of one of this machine's own.
 
-    The address is like ``tcp://10.0.0.1:8786``, or ``"local"`` to start `workers` processes on this machine, one for
-    each core by default. A ValueError tells that Dask is not installed, or that no scheduler answers.
+    The address is like ``tcp://10.0.0.1:8786``, or the file, ending in .json, that the scheduler wrote of itself, or
+    ``"local"`` to start `workers` processes on this machine, one for each core by default. A ValueError tells that Dask
+    is not installed, or that no scheduler answers.
     """
     distributed = library()
-    options: dict[str, Any] = {"address": address}
+    options: dict[str, Any]
     if address == _LOCAL:
         options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
         options["silence_logs"] = logging.ERROR
     elif workers is not None:
         raise Refusal("the number of workers is the cluster's own; leave it out")
     else:
-        _refuse_no_address(address)
+        options = {"address": _address_in(address)}
     logger = logging.getLogger("distributed.client")
     with contextlib.ExitStack() as stack:
         stack.callback(logger.setLevel, logger.level)
@@ -178,13 +193,24 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
         yield client
 
 
-def _refuse_no_address(text: str) -> None:
-    """Refuse what is no address of a scheduler, without a word of it: it may hold a name and a password."""
+def _address_in(text: str) -> str:
+    """The address of a scheduler, or that in a file of one.
+
+    What is none is refused without a word of it: it may hold a name and a password.
+    """
+    if text.endswith(_FILE):
+        try:
+            text = str(json_value(read_regular(Path(text), _LARGEST_FILE))["address"])
+        except (ValueError, KeyError, TypeError):
+            raise Refusal(
+                f"{text} is no file of a Dask scheduler; have it written by: dask scheduler --scheduler-file {text}"
+            ) from None
     if not _ADDRESS.fullmatch(text):
         raise Refusal(
             "what is given for Dask is no address of a scheduler; give local, or an address like tcp://10.0.0.1:8786, "
             "without a name or a password"
         )
+    return text
 
 
 def library() -> Any:
@@ -206,10 +232,16 @@ def _ignoring_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def run_on_cluster(folder: TrialFolder, client: Any, progress: Callable[[int], None]) -> None:
+def run_on_cluster(
+    folder: TrialFolder,
+    client: Any,
+    progress: Callable[[int], None],
+    told: Callable[[str], None] = lambda sentence: None,
+) -> None:
     """Compute the missing shards on the workers of a cluster, and put them into the folder as they arrive.
 
-    `progress` is called with the number of people simulated since the last call, under each controller.
+    `progress` is called with the number of people simulated since the last call, under each controller, and `told` with
+    a sentence on workers that are lost.
     A ValueError tells that a shard fails repeatedly, or cannot be written; finished shards stay.
     """
     trial, identity = folder.trial, arithmetic.identity()
@@ -217,9 +249,16 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Callable[[int], N
     running: dict[Any, int] = {}
     """Number of the shard of each future."""
     completed = library().as_completed(loop=client.loop)
+    known = set[str]()
 
     def fill() -> None:
-        most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values()))
+        workers = client.nthreads()
+        if lost := known - set(workers):
+            left = f"{how_many(len(workers), 'worker')} computes" if len(workers) == 1 else f"{len(workers)} compute"
+            told(f"{how_many(len(lost), 'worker was', 'workers were')} lost; {left} what is left, or others that come.")
+        known.clear()
+        known.update(workers)
+        most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(workers.values()))
         for index in itertools.islice(waiting, max(0, most - len(running))):
             work = _shard_on_worker, trial, index, glucoloop.__version__, identity
             future = client.submit(*work, pure=False, retries=_RETRIES)

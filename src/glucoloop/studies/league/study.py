@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import functools
+import gc
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
@@ -53,6 +56,8 @@ of one with a slow controller, and of the search of the best doses."""
 _SAID: Final = ("engine", "lacks", "reason")
 """Texts of a row, by its names."""
 _LONGEST_TEXT: Final = 4000
+_KEPT_LOOPS: Final = 20
+"""Number of loops after which compiled programs are given up; hundreds of them take gigabytes."""
 
 
 class _Line(NamedTuple):
@@ -231,7 +236,9 @@ class _LeagueSearch:
     def missing(self, rows: Sequence[_ShardResult]) -> Iterator[_ShardResult]:
         """Carry out the shards that follow; a controller that cannot be designed has the reason in its rows."""
         best = reach.BestDoses()
-        for line, number, person in _shards_of(self._config)[len(rows) :]:
+        for place, (line, number, person) in enumerate(_shards_of(self._config)[len(rows) :]):
+            if place and place % _KEPT_LOOPS == 0:
+                _give_up_programs()
             try:
                 result = _computed(line, number, person, best)
             except Refusal as error:
@@ -281,6 +288,16 @@ class _LeagueSearch:
 
 
 search = _LeagueSearch
+
+
+def _give_up_programs() -> None:
+    """Give up the programs that JAX holds, and give their memory back; what is needed again is compiled again."""
+    import jax
+
+    jax.clear_caches()  # type: ignore[no-untyped-call]
+    gc.collect()
+    with contextlib.suppress(AttributeError, OSError):  # another C library than GNU's
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _computed(line: _Line, number: int, person: npt.NDArray[np.int64], best: reach.BestDoses) -> _ShardResult:
