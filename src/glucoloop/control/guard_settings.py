@@ -189,9 +189,26 @@ class GuardSettings(Component, name="usual"):
             )
 
 
+class ForecastSettings(GuardSettings, name="forecast"):
+    """The limits of the usual guard, and a forecast that every dose passes; for subcutaneous insulin.
+
+    A dose passes as far as glucose stays above a floor by a cautious forecast if no insulin follows it; see
+    `control.guard_forecast`. Insulin of an announced meal that is withheld is offered again for some time.
+    """
+
+    floor_mg_dl: Annotated[
+        float, _limit("Floor under the cautious forecast of glucose.", quantity=GLUCOSE_BOUND)
+    ] = 65.0
+    forecast_min: Annotated[float, _waiting("Time of this forecast.", at_most=480.0)] = 300.0
+    owed_min: Annotated[float, _waiting("Time for which withheld insulin of a meal is offered again.")] = 120.0
+
+
 GUARDS: Final = Catalogue(
     GuardSettings,
-    {"usual": "glucoloop.control.guard_settings:GuardSettings"},
+    {
+        "usual": "glucoloop.control.guard_settings:GuardSettings",
+        "forecast": "glucoloop.control.guard_settings:ForecastSettings",
+    },
     example="usual, max_hour=2",
     unnamed=True,
 )
