@@ -265,18 +265,17 @@ class Guard(AroundAnother):
             bolus = jnp.where(may, due, 0.0)
             limited = limited | (requested > bolus)
         if foresight is not None and ahead is not None:
-            wanted_mU = dose * every + (0.0 if bolus is None else bolus)
-            most_mU = foresight.largest_dose(ahead, doses.basal_mU_min, wanted_mU)
+            basal, wanted_mU = doses.basal_mU_min, dose * every + (0.0 if bolus is None else bolus)
+            most_mU = foresight.largest_dose(ahead, basal, wanted_mU)
             # Without a forecast there is the basal rate, and no bolus.
             fits, passes = jnp.isfinite(most_mU), most_mU >= wanted_mU
-            rate = jnp.where(fits, most_mU / every, doses.basal_mU_min)
-            rate = self._clip(jnp.minimum(dose, rate), delivered, lowest_start)
-            dose = jnp.where(passes, dose, jnp.minimum(dose, rate))
-            limited = limited | ~passes
+            rate = jnp.minimum(dose, jnp.where(fits, most_mU / every, basal))
+            dose = jnp.where(passes, dose, jnp.minimum(dose, self._clip(rate, delivered, lowest_start)))
             if bolus is not None:
                 rest = jnp.where(fits, jnp.clip(most_mU - dose * every, 0.0, bolus), 0.0)
                 bolus = jnp.where(passes, bolus, rest)
-                ahead = foresight.owing(ahead, eats, due, bolus + jnp.maximum(dose - doses.basal_mU_min, 0.0) * every)
+                ahead = foresight.owing(ahead, eats, due, bolus + jnp.maximum(dose - basal, 0.0) * every)
+            limited = limited | ~passes
 
         glucagon, history = decision.glucagon_ug, state.glucagon
         if glucagon is not None and history is not None:
@@ -553,7 +552,7 @@ def guarded(
     settings = GuardSettings() if settings is None else settings
     foresight = None
     if isinstance(settings, ForecastSettings):
-        foresight = Foresight.of(settings, limits, controller.sample_time_min)
+        foresight = Foresight.of(settings, controller.sample_time_min)
     return Guard(
         inner=controller,
         limits=limits,

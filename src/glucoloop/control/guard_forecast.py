@@ -1,9 +1,9 @@
 """Forecast of a guard: how much insulin a sample may have so that glucose stays above a floor if none follows.
 
-The person is not known by any equations. Filter and cautious forecast are those of `control.therapy_mpc`: the model of
-ratio, factor, basal rate and weight alone, whose gains are learned from readings, with less in the gut and with insulin
-that does more than is expected. Let ``G_c(t; u)`` be that forecast for a dose u in the coming sample and no insulin
-after it. The largest dose that is allowed is::
+The person is not known by any equations. Filter and forecast are those of `control.therapy_mpc`: the model of ratio,
+factor, basal rate and weight alone, whose gains are learned from readings. The forecast is cautious in one way: under
+the basal rate glucose drifts down by a standard deviation of what is learned of that drift. Let ``G_c(t; u)`` be it for
+a dose u in the coming sample and no insulin after that. The largest dose that is allowed is::
 
     max u  such that  G_c(t; u) >= floor  for every t up to the horizon
 
@@ -18,6 +18,7 @@ each sample, as far as the controller does not ask for it by itself and none was
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any, Final
 
 from glucoloop._lazy_jax import jax, jnp, np
@@ -28,7 +29,7 @@ from glucoloop.control.guard_settings import ForecastSettings
 from glucoloop.control.protocol import Observation
 from glucoloop.control.therapy_mpc import TherapyMPC
 from glucoloop.estimation.fed_filter import FedEstimate
-from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, DoseLimits
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS
 from glucoloop.therapy import Profile
 
 _TARGET_MG_DL: Final = 110.0
@@ -37,6 +38,8 @@ _BASAL_MU_MIN: Final = 10.0
 """Basal rate of the design, in the place of which comes that of the guard."""
 _TANGENTS: Final = 2
 """Number of times that the tangents are taken."""
+_DRIFT_DOUBT: Final = 1.0
+"""Standard deviations of the learned drift under the basal rate by which glucose is taken to drift down."""
 _LEAST_EFFECT: Final = 1e-7
 """Effect of a dose, in mg/dl for each mU, that is taken at least."""
 
@@ -68,17 +71,9 @@ class Foresight:
     total_daily_dose_U: Any = jnp.nan
 
     @classmethod
-    def of(cls, settings: ForecastSettings, limits: DoseLimits, sample_time_min: float) -> Foresight:
-        """Forecast for a pump and a sample time, of a person of whom the basal rate alone is known."""
-        nobody = Profile(basal_mU_min=_BASAL_MU_MIN, setpoint_mg_dl=_TARGET_MG_DL)
-        forecaster = TherapyMPC().of_person(nobody, limits, DEFAULT_BOLUS_LIMITS, sample_time_min)
-        ahead = forecaster.ahead
-        within = np.cumsum(np.asarray(ahead.step.minutes)) <= settings.forecast_min + 1e-9
-        within[0] = True
-        kept = dataclasses.replace(
-            ahead, step=jax.tree.map(lambda leaf: leaf[within], ahead.step), of_block=ahead.of_block[within]
-        )
-        return cls(forecaster=forecaster.replaced(ahead=kept), settings=settings)
+    def of(cls, settings: ForecastSettings, sample_time_min: float) -> Foresight:
+        """Forecast of a person of whom the basal rate alone is known."""
+        return cls(forecaster=_forecaster(sample_time_min, settings.forecast_min), settings=settings)
 
     def with_profile(self, profile: Profile) -> Foresight:
         """The same forecast for a person with a profile, whose basal rate is that of the guard."""
@@ -130,9 +125,10 @@ class Foresight:
         """Largest insulin of the coming sample up to the wanted one [mU]; NaN where there is no forecast."""
         forecaster = self._of_basal(basal_mU_min)
         first = jnp.zeros_like(forecaster.ahead.block_min).at[0].set(1.0 / forecaster.sample_time_min)
+        cautious = forecaster.filter.drifting_down(state.estimate, _DRIFT_DOUBT)
 
         def glucose(dose_mU: jax.Array) -> jax.Array:
-            return forecaster.cautious(state.estimate, state.to_come, first * dose_mU)
+            return forecaster.expected(cautious, state.to_come, first * dose_mU)
 
         dose = wanted_mU
         for _ in range(_TANGENTS):
@@ -141,9 +137,7 @@ class Foresight:
             dose = jnp.clip(dose + jnp.min(room / jnp.maximum(-slope, _LEAST_EFFECT)), 0.0, wanted_mU)
         return dose
 
-    def owing(
-        self, state: ForesightState, eats: jax.Array, due_mU: jax.Array, extra_mU: jax.Array
-    ) -> ForesightState:
+    def owing(self, state: ForesightState, eats: jax.Array, due_mU: jax.Array, extra_mU: jax.Array) -> ForesightState:
         """State after a decision.
 
         `due_mU` is the bolus that a meal should have had of those that were allowed but for the forecast and readings,
@@ -153,3 +147,17 @@ class Foresight:
         return dataclasses.replace(
             state, owed_mU=owed, owed_for_min=jnp.where(eats, self.settings.owed_min, state.owed_for_min)
         )
+
+
+@functools.cache
+def _forecaster(sample_time_min: float, horizon_min: float) -> TherapyMPC:
+    """The controller of which filter and forecast are used, with the steps up to a horizon, at least the first."""
+    with jax.ensure_compile_time_eval():
+        nobody = Profile(basal_mU_min=_BASAL_MU_MIN, setpoint_mg_dl=_TARGET_MG_DL)
+        forecaster = TherapyMPC().of_person(nobody, PARKER_1999_LIMITS, DEFAULT_BOLUS_LIMITS, sample_time_min)
+        ahead = forecaster.ahead
+        steps = max(1, int(np.sum(np.cumsum(np.asarray(ahead.step.minutes)) <= horizon_min + 1e-9)))
+        kept = dataclasses.replace(
+            ahead, step=jax.tree.map(lambda leaf: leaf[:steps], ahead.step), of_block=ahead.of_block[:steps]
+        )
+        return forecaster.replaced(ahead=kept)

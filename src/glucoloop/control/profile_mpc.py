@@ -437,9 +437,9 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         fresh = self.filter.init(self.model)
         return jax.tree.map(lambda present, new: jnp.where(sound, present, new), estimate, fresh), to_come, sound
 
-    def cautious(self, estimate: FedEstimate, to_come: MealsToCome | None, plan: jax.Array) -> jax.Array:
-        """Glucose ``(p,)`` of the cautious forecast under a plan."""
-        return self._glucose(self._doubted(estimate), self._later(estimate, to_come)[1], plan)
+    def expected(self, estimate: FedEstimate, to_come: MealsToCome | None, plan: jax.Array) -> jax.Array:
+        """Glucose ``(p,)`` that is expected at the ends of the steps ahead, under a plan."""
+        return self._glucose(estimate, self._later(estimate, to_come)[0], plan)
 
     def _delivered_bolus(self, state: _ProfileMPCState, observation: Observation) -> jax.Array:
         """Bolus since the last sample: the reported one, or the one asked for if the report is impossible."""
