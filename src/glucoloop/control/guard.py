@@ -267,9 +267,11 @@ class Guard(AroundAnother):
         if foresight is not None and ahead is not None:
             basal, wanted_mU = doses.basal_mU_min, dose * every + (0.0 if bolus is None else bolus)
             most_mU = foresight.largest_dose(ahead, basal, wanted_mU)
-            # Without a forecast there is the basal rate, and no bolus.
+            # Without a forecast there is the basal rate, and no bolus. Where glucose is high no forecast takes the
+            # basal rate away: without any insulin for hours glucose would go on rising.
             fits, passes = jnp.isfinite(most_mU), most_mU >= wanted_mU
-            rate = jnp.minimum(dose, jnp.where(fits, most_mU / every, basal))
+            high = trusted & (readings.glucose_mg_dl > foresight.settings.basal_above_mg_dl)
+            rate = jnp.minimum(dose, jnp.where(fits, jnp.maximum(most_mU / every, jnp.where(high, basal, 0.0)), basal))
             dose = jnp.where(passes, dose, jnp.minimum(dose, self._clip(rate, delivered, lowest_start)))
             if bolus is not None:
                 rest = jnp.where(fits, jnp.clip(most_mU - dose * every, 0.0, bolus), 0.0)

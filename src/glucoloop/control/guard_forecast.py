@@ -8,8 +8,8 @@ a dose u in the coming sample and no insulin after that. The largest dose that i
     max u  such that  G_c(t; u) >= floor  for every t up to the horizon
 
 Insulin lowers glucose in the model the less, the lower glucose is: G_c falls with u and is convex in it. So the tangent
-of a time lies below G_c, and where it meets the floor G_c has not passed it. The minimum over all times is therefore an
-allowed dose, and repeated from there it grows to the largest one.
+of a time lies below G_c, and where it meets the floor G_c has not passed it. The minimum over all times, from no dose
+on, is therefore an allowed dose, and repeated from there it grows towards the largest one.
 
 Insulin of an announced meal that this forecast or a low reading withheld is owed for some time: it is offered again at
 each sample, as far as the controller does not ask for it by itself and none was given in its place.
@@ -130,7 +130,8 @@ class Foresight:
         def glucose(dose_mU: jax.Array) -> jax.Array:
             return forecaster.expected(cautious, state.to_come, first * dose_mU)
 
-        dose = wanted_mU
+        # From no dose on, since with one many times too large the steps of the forecast are no longer stable.
+        dose = jnp.zeros_like(wanted_mU)
         for _ in range(_TANGENTS):
             ahead, slope = jax.jvp(glucose, (dose,), (jnp.ones_like(dose),))
             room = ahead - self.settings.floor_mg_dl
