@@ -4,6 +4,7 @@ import json
 
 import polars as pl
 import pytest
+from scipy import stats
 
 SHORT = ("--duration", 100)
 
@@ -76,6 +77,31 @@ def test_a_change_stands_beside_the_therapy_as_it_is(glucoloop, tmp_path):
     alone = glucoloop("run", *person, "--change", low, *SHORT, "--json").json
     assert cases[low]["metrics"] == alone["metrics"]
     assert cases[low]["config"]["changes"] == [low]
+
+
+@pytest.mark.long
+def test_a_change_over_days_has_an_interval_over_them(glucoloop):
+    person = ("--patient", "hovorka-2004", "--controller", "basal-bolus", "--announce-meals", "--meal", "60g@8h")
+    change, days = "basal, +20%", ("--days", 4, "--meal-size-spread", 40)
+    answer = glucoloop("compare", *person, *days, "--change", change, "--json", "--out", "four")
+    assert answer.code == 0, answer.err
+    of_day = pl.read_parquet("four/glucose_1min.parquet").filter(pl.col("t_min") > 0.0)
+    of_day = of_day.group_by("case", day=((pl.col("t_min") - 1.0) / 1440.0).floor(), maintain_order=True).agg(
+        mean_mg_dl=pl.col("glucose_mg_dl").mean(),
+        time_70_180_pct=100.0 * pl.col("glucose_mg_dl").is_between(70.0, 180.0).mean(),
+    )
+    as_it_is, changed = (of_day.filter(pl.col("case") == case) for case in ("basal-bolus", change))
+    interval = answer.json["changes"][change]["interval"]
+    for name in ("mean_mg_dl", "time_70_180_pct"):
+        differences = (changed[name] - as_it_is[name]).to_numpy()
+        assert differences.size == 4
+        expected = stats.t.interval(0.95, 3, differences.mean(), stats.sem(differences))
+        assert interval[name] == pytest.approx(expected)
+    told = glucoloop("compare", *person, *days, "--change", change).out
+    low, high = interval["time_70_180_pct"]
+    assert f"{change} instead of the therapy as it is: time from 70 to 180 mg/dl" in told
+    assert f"({low:+.1f} to {high:+.1f})" in told
+    assert "interval" not in str(glucoloop("compare", *person, "--days", 2, "--change", change).out)
 
 
 @pytest.mark.long

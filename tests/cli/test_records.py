@@ -36,7 +36,8 @@ def test_a_record_is_told_written_and_read_back(glucoloop, put, tmp_path):
 def test_files_of_one_person_are_read_together(glucoloop, put):
     treatments = nightscout_treatments((START, {"eventType": "Bolus", "insulin": 1.5}))
     told = glucoloop("records", *put(nightscout_entries(12), treatments), "--time-zone", "Europe/Berlin", "--json").json
-    assert told["values"] == {"glucose_mg_dl": 12, "carbs_g": 0, "bolus_U": 1, "long_acting_U": 0, "basal_U_h": 0}
+    none = dict.fromkeys(("carbs_g", "long_acting_U", "basal_U_h", "glucagon_ug"), 0)
+    assert told["values"] == {"glucose_mg_dl": 12, "bolus_U": 1, **none}
     assert told["first"] == "2024-03-13 00:03:00"
 
 

@@ -91,6 +91,51 @@ def test_periods_stand_side_by_side(glucoloop, record):
 
 
 @pytest.mark.long
+def test_glucagon_is_told_by_the_day_where_a_record_has_any(glucoloop, record, tmp_path):
+    readings = record()
+    record("other.csv", seed=3)
+    table = pl.read_csv("Doe_Jane_export.csv", try_parse_dates=True)
+    noon = dt.datetime(2025, 1, 7, 12, 5, 30)
+    times = [noon, noon + dt.timedelta(hours=10), noon + dt.timedelta(days=7), noon + dt.timedelta(days=20)]
+    doses = pl.DataFrame({"time": times, "glucagon_ug": [100.0, 50.0, 60.0, 900.0]})
+    pl.concat([table, doses], how="diagonal").write_csv("given.csv")
+    first = ("--period", "2025-01-06/2025-01-12", "--period", "2025-01-13/2025-01-19")
+    answer = glucoloop("report", "given.csv", "other.csv", *first, "--out", "out", "--json")
+    assert answer.code == 0, answer.err
+    days = [one["days"] for one in answer.json["records"]]
+    of_a_day = [one["glucagon_ug_day"] for one in answer.json["records"]]
+    assert of_a_day == pytest.approx([150.0 / days[0], 60.0 / days[1], 0.0, 0.0])
+    by_day = pl.read_csv("out/days.csv").filter(pl.col("glucagon_ug") > 0)
+    assert by_day.select("day", "glucagon_ug").rows() == [("2025-01-07", 150.0), ("2025-01-14", 60.0)]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "150 ug of glucagon" in page
+    assert "M120.9 0v9M220.9 0v9" in page  # 12:05:30 and 22:05:30 of a day that is 240 wide
+    assert "mean glucagon of each hour" in page
+    answer = glucoloop("report", "other.csv", "--out", "without", "--json")
+    assert "glucagon" not in answer.out + (tmp_path / "without" / "report.html").read_text().replace("glucagon-", "")
+    assert readings.day_0 == dt.date(2025, 1, 6)
+
+
+@pytest.mark.long
+def test_the_glucagon_of_a_run_and_of_each_case_is_told(glucoloop):
+    meals = ("--announce-meals", "--carb-bias", 60, "--meal", "60g@1h", "--duration", "8h")
+    wanted = ("--patient", "wilinska-2010-glucagon", *meals, "--glucagon")
+    assert glucoloop("run", *wanted, "threshold", "--controller", "basal-bolus", "--out", "run").code == 0
+    total = pl.read_parquet("run/trace.parquet")["glucagon_ug"].sum()
+    [found] = glucoloop("report", "run", "--json").json["records"]
+    assert total > 0.0
+    assert found["glucagon_ug_day"] * found["days"] == pytest.approx(total)
+    both = ("--controller", "basal-bolus", "--controller", "pid")
+    assert glucoloop("compare", *wanted, "threshold", *both, "--out", "both").code == 0
+    cases = pl.read_parquet("both/trace.parquet").group_by("case", maintain_order=True).agg(pl.sum("glucagon_ug"))
+    told = {
+        one["label"]: one["glucagon_ug_day"] * one["days"]
+        for one in glucoloop("report", "both", "--json").json["records"]
+    }
+    assert told == pytest.approx(dict(cases.iter_rows()))
+
+
+@pytest.mark.long
 def test_many_files_have_a_row_each(glucoloop, record):
     for number in range(7):
         record(f"{number}.csv", days=2, seed=number)

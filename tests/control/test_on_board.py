@@ -11,7 +11,7 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.therapy import action_per_min
-from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.engine import alone, prepare, run_people
 from glucoloop.trials.trial import Trial
 
 MEAL_AND_BOLUS = {
@@ -74,6 +74,26 @@ def test_the_metric_is_that_of_the_column(trace):
     assert metrics["mean_insulin_on_board_U"] == pytest.approx(on_board_U.mean())
     assert metrics["largest_insulin_on_board_U"] == pytest.approx(on_board_U.max())
     assert on_board_U.max() > 2.0
+    metrics = gl.summarise(trace, metrics=["carbs-on-board"]).as_dict()
+    assert metrics["mean_carbs_on_board_g"] == pytest.approx(trace.carbs_on_board_g.mean())
+    assert metrics["largest_carbs_on_board_g"] == pytest.approx(60.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("spread_pct", [0.0, 30.0])
+def test_carbohydrate_on_board_of_a_trial_is_that_of_the_traces(spread_pct):
+    """Meals that are the same for all and meals of their own, with what is eaten against low glucose."""
+    settings = {"controller": ["basal-bolus"], "patient": "hovorka-2004", "meals": ["60g@1h", "30g@3h"]}
+    more = {"days": 1, "meal_size_spread_pct": spread_pct, "rescue": "carbs", "profile_error": "basal_pct=200"}
+    trial = configured(Trial, {**settings, **more, "metrics": ["carbs-on-board", "rescues"], "people": 4})
+    prepared = prepare(trial)
+    assert {case.loop.engine for case in prepared.cases.values()} == {"native"}
+    metrics = run_people(prepared, "basal-bolus", np.arange(4), threads=1).metrics
+    assert metrics["rescue_carbs_g"].max() > 0.0
+    for person in range(4):
+        on_board_g = alone(prepared, "basal-bolus", person).carbs_on_board_g
+        assert metrics["mean_carbs_on_board_g"][person] == pytest.approx(on_board_g.mean(), rel=1e-5)
+        assert metrics["largest_carbs_on_board_g"][person] == pytest.approx(on_board_g.max(), rel=1e-5)
 
 
 @pytest.mark.long

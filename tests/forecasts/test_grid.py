@@ -156,3 +156,13 @@ def test_the_usual_day_keeps_the_amounts():
     known = usual.future(grid, known=True)
     assert known.carbs_g[0] == 60.0
     assert usual.future(grid, known=False).carbs_g[0] < 2.0
+
+
+def test_glucagon_of_the_days_used_is_told_and_no_other():
+    doses = [(100.0, "glucagon_ug", 150.0), (1500.0, "glucagon_ug", 100.0), (1600.0, "glucagon_ug", 12.5)]
+    note = "The record has {} of glucagon, {} ug in all, which no forecast and no twin knows"
+    grid = gridded_record(record([*readings(2), *doses]))
+    assert any(told.startswith(note.format("3 doses", 262.5)) for told in grid.notes)
+    grid = gridded_record(record([*readings(2), *doses]), most_days=1)
+    assert any(told.startswith(note.format("2 doses", 112.5)) for told in grid.notes)
+    assert not any("glucagon" in told for told in gridded_record(record(readings(2))).notes)

@@ -171,6 +171,26 @@ def test_a_name_with_another_unit_asks_for_it(read, refused, name, unit, value, 
     assert record.frame["basal_U_h"].to_list() == pytest.approx([rate])
 
 
+def test_glucagon_of_a_table_is_kept_in_its_unit_and_refused_where_nobody_can_mean_it(read, refused):
+    header = "time,glucose_mg_dl,glucagon_ug\n"
+    rows = ["01:00,90,100", "01:05,80,0", "01:10,75,20 mcg", "01:15,70,-3", "01:20,71,nan", "01:25,72,6000"]
+    rows += [f"02:{minute},90,{amount}" for minute, amount in ((10, 5), (20, 15.5), (30, 30))]
+    record = read(header + "".join(f"2024-03-13 {row}\n" for row in rows))
+    assert record.frame["glucagon_ug"].to_list() == [100.0, None, 20.0, None, None, None, 5.0, 15.5, 30.0]
+    assert any("2 values of glucagon outside of 0 to 5000 (from -3 to 6000" in note for note in record.notes)
+    assert "4 of its values of glucagon are outside of 0 to 5000 ug" in refused(
+        header + "".join(f"2024-03-13 01:{minute},90,9000\n" for minute in (10, 20, 30, 40))
+    )
+    assert "10400 ug of glucagon on half of its days" in refused(
+        header + "".join(f"2024-03-13 {hour}:00,90,4000\n2024-03-13 {hour}:30,90,1200\n" for hour in (10, 12))
+    )
+    text, columns = "time,bg,Glucagon (mg)\n2024-03-13 01:00,90,0.1\n", "time=time,glucose_mg_dl=bg,glucagon_ug="
+    columns += "Glucagon (mg)"
+    assert refused(text, columns=columns).endswith("say its unit, as file_units='glucagon=mg' (--file-units)")
+    assert read(text, columns=columns, file_units="glucagon=mg").frame["glucagon_ug"].to_list() == [100.0]
+    assert "give one like ug or mg" in refused(text, columns=columns, file_units="glucagon=U")
+
+
 def test_compressed_files_and_utf_16_without_a_mark(read, refused):
     expected = read(clarity(40)).frame
     assert read(gzip.compress(clarity(40).encode())).frame.equals(expected)
@@ -274,7 +294,7 @@ def test_the_database_of_xdrip(tmp_path):
     assert record.left_out == {
         "readings without a value": 1,
         "finger pricks": 1,
-        "rows without glucose, carbohydrate or insulin": 1,
+        "rows without glucose, carbohydrate, insulin or glucagon": 1,
     }
 
 

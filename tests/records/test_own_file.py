@@ -29,6 +29,7 @@ def frame_of(**changed):
         "bolus_type": ["automatic", "manual", *[None] * (ROWS - 2)],
         "long_acting_U": [None] * ROWS,
         "basal_U_h": [0.8, float("nan"), *[None] * (ROWS - 2)],
+        "glucagon_ug": [None, 40.0, *[None] * (ROWS - 2)],
         "out_of_range": ["low", *[None] * (ROWS - 1)],
         "device": ["Dexcom G6"] * ROWS,
     }
@@ -70,7 +71,10 @@ def test_a_record_is_read_back_as_it_was():
     assert (record.rows, record.left_out, record.notes) == (ROWS + 1, ABOUT["left_out"], ("A note.",))
 
 
-@pytest.mark.parametrize("absent", [["bolus_type"], ["bolus_min", "bolus_type", "long_acting_U"]])
+@pytest.mark.parametrize(
+    "absent",
+    [["glucagon_ug"], ["bolus_type", "glucagon_ug"], ["bolus_min", "bolus_type", "long_acting_U", "glucagon_ug"]],
+)
 def test_a_record_of_an_earlier_version_is_read(absent):
     frame = record_from_parquet(parquet_of(frame_of().drop(absent), ABOUT)).frame
     assert dict(frame.schema) == SCHEMA
@@ -112,7 +116,11 @@ ENDS = (-(2**63), 2**63 - 1, 0, 10**18)
     [
         *({"time": pl.Series([end] * ROWS, dtype=pl.Int64).cast(pl.Datetime("us"))} for end in (*ENDS[:2], ENDS[3])),
         *({"glucose_mg_dl": pl.lit(value)} for value in (float("nan"), 1e300, -50.0, 0.0, float("inf"), 900.0)),
-        *({name: pl.lit(value)} for name in ("carbs_g", "bolus_U") for value in (float("nan"), -1.0, 1e9)),
+        *(
+            {name: pl.lit(value)}
+            for name in ("carbs_g", "bolus_U", "glucagon_ug")
+            for value in (float("nan"), -1.0, 1e9)
+        ),
         *({"basal_U_h": pl.lit(value)} for value in (-1.0, 1e9, float("inf"))),
         {"time": pl.lit(None, pl.Datetime("us"))},
         {"time": pl.col("time").reverse()},

@@ -64,12 +64,9 @@ def record_of(trace):
             "basal_U_h": trace["insulin_mU_min"] * 0.06,
         }
     ).with_columns(
-        *(
-            pl.lit(None).alias(name)
-            for name in ("utc_offset_min", "bolus_min", "bolus_type", "long_acting_U", "out_of_range", "device")
-        ),
         pl.when(pl.col("carbs_g") > 0).then("carbs_g"),
         pl.when(pl.col("bolus_U") > 0).then("bolus_U"),
     )
-    frame = frame.select(pl.col(name).cast(kind) for name, kind in SCHEMA.items())
+    missing = (pl.lit(None).alias(name) for name in SCHEMA if name not in frame.columns)
+    frame = frame.with_columns(missing).select(pl.col(name).cast(kind) for name, kind in SCHEMA.items())
     return DeviceRecord(frame=frame, rows=frame.height)

@@ -287,6 +287,9 @@ class _Parser(argparse.ArgumentParser):
         from glucoloop.component.catalogue import catalogues
 
         switch = self._by_flag.get(word.replace("--no-", "--", 1))
+        longer = [flag for flag in self._by_flag if flag.startswith(f"{word}-")]
+        if len(longer) == 1:
+            return f"did you mean {longer[0]}?"
         if word.startswith("--no-") and switch is not None and switch.metavar is not None:
             return f"write {switch.flag} none"
         for kind, catalogue in catalogues().items():

@@ -39,8 +39,8 @@ _ANSWERS: Final = (
     CommandOption(
         "columns",
         "--columns",
-        "Columns of any other table: time, glucose_mg_dl or glucose_mmol_l, carbs_g, bolus_U and basal_U_h, each by "
-        "its name there.",
+        "Columns of any other table: time, glucose_mg_dl or glucose_mmol_l, carbs_g, bolus_U, basal_U_h and "
+        "glucagon_ug, each by its name there.",
         panel=_READING,
         metavar="COLUMN=NAME,...",
     ),
@@ -68,8 +68,8 @@ _ANSWERS: Final = (
     CommandOption(
         "file_units",
         "--file-units",
-        "Units of amounts in the files, where they are not g, U and U/h: of carbs, bolus, long_acting or basal, as "
-        "basal=mU/h,carbs=10g; basal=U/h|mU/h for rates of which some are in mU/h.",
+        "Units of amounts in the files, where they are not g, U, U/h and ug: of carbs, bolus, long_acting, basal or "
+        "glucagon, as basal=mU/h,carbs=10g; basal=U/h|mU/h for rates of which some are in mU/h.",
         panel=_READING,
         metavar="AMOUNT=UNIT,...",
     ),
@@ -179,7 +179,7 @@ def _fetched(given: Given) -> DeviceRecord:
 def _described(record: DeviceRecord) -> dict[str, Any]:
     """A record in plain values."""
     times = record.frame["time"]
-    counted = ("glucose_mg_dl", "carbs_g", "bolus_U", "long_acting_U", "basal_U_h")
+    counted = ("glucose_mg_dl", "carbs_g", "bolus_U", "long_acting_U", "basal_U_h", "glucagon_ug")
     return {
         "rows": record.rows,
         "rows_used": record.rows_used,

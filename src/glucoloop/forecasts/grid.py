@@ -163,6 +163,12 @@ def gridded_record(record: DeviceRecord, *, most_days: int = 28) -> GriddedRecor
     glucose[at] = readings["glucose_mg_dl"].to_numpy()[inside]  # the last one of a sample stays
 
     carbs = _summed(frame, "carbs_g", first, samples)
+    glucagon = frame.filter((pl.col("glucagon_ug") > 0.0) & pl.col("time").is_between(first, last))["glucagon_ug"]
+    if glucagon.len():
+        notes.append(
+            f"The record has {how_many(glucagon.len(), 'dose')} of glucagon, {glucagon.sum():.4g} ug in all, which no "
+            "forecast and no twin knows: the rise of glucose after them is taken for something else."
+        )
     basal, off_schedule_pct = _basal_of(frame, first, days, notes)
     user, automatic = _boluses_of(frame, first, carbs, automated=off_schedule_pct > _MAX_OFF_SCHEDULE_PCT)
     return GriddedRecord(

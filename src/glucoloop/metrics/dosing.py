@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
@@ -250,13 +250,43 @@ class Samples(Metric, name="samples"):
 
 @pytree
 class _BoardState:
-    doses_mU: jax.Array
-    """(samples, ...) insulin above the basal rate of past samples, the newest first."""
-    total_U: jax.Array
-    largest_U: jax.Array
+    amounts: jax.Array
+    """(samples, ...) doses or meals of past samples, the newest first."""
+    total: jax.Array
+    largest: jax.Array
 
 
-class OnBoard(Metric, name="insulin-on-board"):
+class _OnBoard(Metric):
+    """Mean and largest of what is on board at the samples, by a curve of `on_board_curves`."""
+
+    curve: ClassVar[int]
+    """Place of the curve."""
+    divisor: ClassVar[float] = 1.0
+    """Number of units of an amount in one of the results."""
+
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _BoardState:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        past = on_board_curves(trajectory.concrete_sample_min)[self.curve].size - 1
+        return _BoardState(
+            amounts=jnp.zeros((past, *zero.shape), zero.dtype), total=zero, largest=jnp.full_like(zero, -jnp.inf)
+        )
+
+    def sample(self, trajectory: Trajectory, state: _BoardState, happened: Sampled, t_min: jax.Array) -> _BoardState:
+        left = jnp.asarray(on_board_curves(trajectory.concrete_sample_min)[self.curve][1:], state.total.dtype)
+        on_board = jnp.tensordot(left, state.amounts, 1) / self.divisor
+        amount = jnp.broadcast_to(self.amount(trajectory, happened), state.total.shape).astype(state.total.dtype)
+        return _BoardState(
+            amounts=jnp.concatenate([amount[None], state.amounts[:-1]]),
+            total=state.total + on_board,
+            largest=jnp.maximum(state.largest, on_board),
+        )
+
+    def amount(self, trajectory: Trajectory, happened: Sampled) -> jax.Array:
+        """Amount of a sample, which is on board from the next one on."""
+        raise NotImplementedError
+
+
+class OnBoard(_OnBoard, name="insulin-on-board"):
     """Insulin on board at the samples, mean and largest.
 
     Insulin of the run above the basal rate that has not acted yet, as in the trace; that of a warm-up is left out.
@@ -267,33 +297,47 @@ class OnBoard(Metric, name="insulin-on-board"):
         Result("mean_insulin_on_board_U", "Mean insulin on board of the samples.", "Mean", "U", 2),
         Result("largest_insulin_on_board_U", "Largest insulin on board of a sample.", "Largest", "U", 2),
     )
+    curve = 0
+    divisor = MU_PER_U
 
     def needs(self) -> tuple[Need, ...]:
         """The curve is one of subcutaneous insulin."""
         return (SUBCUTANEOUS,)
 
-    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _BoardState:
-        zero = jnp.zeros_like(glucose_mg_dl)
-        past = on_board_curves(trajectory.concrete_sample_min)[0].size - 1
-        return _BoardState(
-            doses_mU=jnp.zeros((past, *zero.shape), zero.dtype), total_U=zero, largest_U=jnp.full_like(zero, -jnp.inf)
-        )
-
-    def sample(self, trajectory: Trajectory, state: _BoardState, happened: Sampled, t_min: jax.Array) -> _BoardState:
-        left = jnp.asarray(on_board_curves(trajectory.concrete_sample_min)[0][1:], state.total_U.dtype)
-        on_board_U = jnp.tensordot(left, state.doses_mU, 1) / MU_PER_U
+    def amount(self, trajectory: Trajectory, happened: Sampled) -> jax.Array:
         assert happened.basal_mU_min is not None  # whoever folds metrics gives it
-        dose_mU = (happened.infused_mU_min - happened.basal_mU_min) * trajectory.sample_time_min
-        return _BoardState(
-            doses_mU=jnp.concatenate([dose_mU[None], state.doses_mU[:-1]]),
-            total_U=state.total_U + on_board_U,
-            largest_U=jnp.maximum(state.largest_U, on_board_U),
-        )
+        return (happened.infused_mU_min - happened.basal_mU_min) * trajectory.sample_time_min
 
     def finish(self, trajectory: Trajectory, state: _BoardState, ended: Ended) -> dict[str, Any]:
         return {
-            "mean_insulin_on_board_U": ended.of_insulin(state.total_U / ended.samples),
-            "largest_insulin_on_board_U": ended.of_insulin(state.largest_U),
+            "mean_insulin_on_board_U": ended.of_insulin(state.total / ended.samples),
+            "largest_insulin_on_board_U": ended.of_insulin(state.largest),
+        }
+
+
+class CarbsOnBoard(_OnBoard, name="carbs-on-board"):
+    """Carbohydrate on board at the samples, mean and largest.
+
+    Carbohydrate of meals, and against low glucose, that is not absorbed yet by the curve of the trace, as eaten; that
+    of a warm-up is left out.
+    """
+
+    section = "Carbohydrate on board"
+    numbers = (
+        Result("mean_carbs_on_board_g", "Mean carbohydrate on board of the samples.", "Mean", "g"),
+        Result("largest_carbs_on_board_g", "Largest carbohydrate on board of a sample.", "Largest", "g"),
+    )
+    curve = 1
+    takes_meals = True
+
+    def amount(self, trajectory: Trajectory, happened: Sampled) -> jax.Array:
+        assert happened.carbs_g is not None  # whoever folds metrics gives it
+        return happened.carbs_g if happened.rescue_g is None else happened.carbs_g + happened.rescue_g
+
+    def finish(self, trajectory: Trajectory, state: _BoardState, ended: Ended) -> dict[str, Any]:
+        return {
+            "mean_carbs_on_board_g": state.total / ended.samples,
+            "largest_carbs_on_board_g": state.largest,
         }
 
 

@@ -157,6 +157,8 @@ class Metric(Component):
     """Heading of its rows in tables."""
     always: ClassVar[bool] = False
     """Whether it is computed without a request."""
+    takes_meals: ClassVar[bool] = False
+    """Whether it needs what was eaten at each sample, which a loop without such a metric does not carry."""
     numbers: ClassVar[tuple[Result, ...]] = ()
     """Results of the metric, where they do not depend on its settings."""
 
@@ -226,6 +228,7 @@ METRICS: Final = Catalogue(
         "squared-error": "glucoloop.metrics.regulation:SquaredError",
         "insulin": "glucoloop.metrics.dosing:Insulin",
         "insulin-on-board": "glucoloop.metrics.dosing:OnBoard",
+        "carbs-on-board": "glucoloop.metrics.dosing:CarbsOnBoard",
         "samples": "glucoloop.metrics.dosing:Samples",
         "constraints": "glucoloop.metrics.dosing:Constraints",
         "rescues": "glucoloop.metrics.dosing:Rescues",

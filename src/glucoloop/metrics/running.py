@@ -209,6 +209,11 @@ class RunningMetrics(Trajectory):
             yield from ((name, results[name]) for name in names)
 
     @property
+    def takes_meals(self) -> bool:
+        """Whether a metric needs what was eaten at each sample."""
+        return any(metric.takes_meals for metric in self._metrics)
+
+    @property
     def _metrics(self) -> tuple[Metric, ...]:
         return _made(self.further)
 
@@ -327,4 +332,5 @@ def _happened(trace: Trace, inside: int, sample_time_min: jax.Array | float) -> 
         lowest_valid_mg_dl=jnp.broadcast_to(trace.lowest_valid_mg_dl, shape),
         rescue_g=trace.rescue_g,
         basal_mU_min=jnp.broadcast_to(trace.basal_insulin_mU_min, shape),
+        carbs_g=jnp.broadcast_to(trace.carbs_g.reshape(-1, *(1,) * (len(shape) - 1)), shape),
     )

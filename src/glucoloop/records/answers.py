@@ -26,9 +26,10 @@ TARGETS: Final = (
     "bolus_type",
     "long_acting_U",
     "basal_U_h",
+    "glucagon_ug",
 )
 """Columns that the columns of any table can be named as; ``date`` is that of times that are a clock alone."""
-AMOUNTS: Final = ("carbs", "bolus", "long_acting", "basal")
+AMOUNTS: Final = ("carbs", "bolus", "long_acting", "basal", "glucagon")
 """Amounts whose unit can be said."""
 
 
@@ -44,7 +45,7 @@ class Answers:
     columns: Mapping[str, str] = field(default_factory=dict)
     """Name in the file of each column of the record; several files may have one each, with a bar between them."""
     file_units: Mapping[str, str] = field(default_factory=dict)
-    """Unit of each of `AMOUNTS` in the file, as ``mU/h``, ``U/5min`` or ``10g``."""
+    """Unit of each of `AMOUNTS` in the file, as ``mU/h``, ``U/5min``, ``10g`` or ``mg``."""
     device: str | None = None
     """Device whose readings are used, where several read at the same time."""
     person_column: str | None = None
@@ -92,15 +93,18 @@ def pairs_from_text(text: str, what: str, example: str) -> dict[str, str]:
 MIXED_RATES: Final = "U/h|mU/h"
 """Unit of rates that are in U/h for a while and in mU/h for another."""
 _AMOUNT: Final = re.compile(
-    r"(?P<size>\d+(?:\.\d+)?)? *(?P<unit>[a-zA-Z]+)(?: *(?:/|per) *(?P<every>\d+)? *(?P<time>[a-z]+))?"
+    r"(?P<size>\d+(?:\.\d+)?)? *(?P<unit>[^\W\d_]+)(?: *(?:/|per) *(?P<every>\d+)? *(?P<time>[a-z]+))?"
 )
 _INSULIN: Final = {"u": 1.0, "iu": 1.0, "ie": 1.0, "ui": 1.0, "mu": 1e-3}
+_GLUCAGON: Final = {"ng": 1e-3, "ug": 1.0, "\N{GREEK SMALL LETTER MU}g": 1.0, "mcg": 1.0, "mg": 1000.0}
 _TIMES: Final = {"h": MIN_PER_H, "hour": MIN_PER_H, "min": 1.0, "d": MIN_PER_DAY, "day": MIN_PER_DAY}
 
 
 def unit_factor(name: str, text: str) -> float:
     """Factor of a unit to that of the record, as 0.06 of ``mU/min`` or 10 of ``10g``; Refusal for what is no unit."""
-    examples = {"carbs": "g or 10g", "basal": f"U/h, mU/h, U/5min or {MIXED_RATES}"}.get(name, "U or mU")
+    examples = {"carbs": "g or 10g", "basal": f"U/h, mU/h, U/5min or {MIXED_RATES}", "glucagon": "ug or mg"}.get(
+        name, "U or mU"
+    )
     refusal = Refusal(f"the unit of {name} is {text!r}; give one like {examples}")
     if name == "basal" and text.replace(" ", "") == MIXED_RATES:
         return 1.0
@@ -114,10 +118,11 @@ def unit_factor(name: str, text: str) -> float:
         if unit != "g" or result["time"]:
             raise refusal
         return size
-    if unit not in _INSULIN or (result["time"] is not None) != (name == "basal"):
+    factors = _GLUCAGON if name == "glucagon" else _INSULIN
+    if unit not in factors or (result["time"] is not None) != (name == "basal"):
         raise refusal
     if name != "basal":
-        return size * _INSULIN[unit]
+        return size * factors[unit]
     every = float(result["every"] or 1)
     if result["time"] not in _TIMES or not every:
         raise refusal

@@ -28,6 +28,7 @@ _VALUES: Final = {
     "bolus_type": "bolus_type",
     "long_acting": "long_acting_U",
     "basal": "basal_U_h",
+    "glucagon": "glucagon_ug",
 }
 _MILLISECONDS: Final = 13
 """Number of digits of the milliseconds since 1970 of any time from 2001 to 2286; that of seconds is 10."""
@@ -42,6 +43,7 @@ _FRACTION: Final = r"^0?([.,]\d+)?$"
 """Part of a day, as a spreadsheet has a clock."""
 _MILLIUNITS: Final = re.compile(r"(?<![A-Za-z])m(I?U|IE|UI)(?![a-z])(\s*/\s*\w+)?")
 _EXCHANGES: Final = re.compile(r"\b(1[0-9] ?g|BE|KE|KHE|[Ee]xchanges?|[Pp]ortions?|[Ss]ervings?|Broteinheit(en)?)\b")
+_MILLIGRAMS: Final = re.compile(r"(?i)(?<![a-z])mg(?![a-z])")
 _PER_MINUTE: Final = re.compile(r"(?i)(?<![a-z])(i?u|ie|ui)\s*(/|per)\s*(\d+\s*)?min")
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
@@ -123,10 +125,16 @@ def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
             f"the column {columns['carbs_g']!r} is taken as g, and its name has {exchanges[0]!r}",
             "say its unit, as file_units='carbs=10g' (--file-units), which is 1g where it has grams",
         )
-    units = {"bolus_U": ("bolus", "U"), "long_acting_U": ("long_acting", "U"), "basal_U_h": ("basal", "U/h")}
+    units = {
+        "bolus_U": ("bolus", "U"),
+        "long_acting_U": ("long_acting", "U"),
+        "basal_U_h": ("basal", "U/h"),
+        "glucagon_ug": ("glucagon", "ug"),
+    }
     for target, (name, unit) in units.items():
         text = columns.get(target, "")
-        other = _MILLIUNITS.search(text) or (_PER_MINUTE.search(text) if target == "basal_U_h" else None)
+        other = (_MILLIGRAMS if target == "glucagon_ug" else _MILLIUNITS).search(text)
+        other = other or (_PER_MINUTE.search(text) if target == "basal_U_h" else None)
         if other is not None and name not in answers.file_units:
             own = other[0].replace(" ", "")
             raise Refusal(

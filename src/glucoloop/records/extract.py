@@ -13,7 +13,7 @@ import polars as pl
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.text import how_many
 
-VALUES: Final = ("glucose", "carbs", "bolus", "long_acting", "basal")
+VALUES: Final = ("glucose", "carbs", "bolus", "long_acting", "basal", "glucagon")
 _LARGEST: Final = 1e30
 _TYPES: Final = dict.fromkeys(("out_of_range", "device", "kind", "source", "person", "bolus_type"), pl.String())
 
@@ -24,8 +24,8 @@ class Extract:
 
     Columns of ``frame``: ``row``, the number of the row in the file, which several rows here may share; ``time``, which
     is ``in_utc`` or on the wall, and ``utc_offset_min``; ``glucose``, ``carbs`` [g], ``bolus`` [U], ``long_acting`` (
-    insulin) [U] and ``basal`` [U/h], as texts or numbers; ``bolus_min``, the time over which a bolus is given, and
-    ``bolus_type``, `record.AUTOMATIC` or `record.MANUAL` where the file tells it;
+    insulin) [U], ``basal`` [U/h] and ``glucagon`` [ug], as texts or numbers; ``bolus_min``, the time over which a bolus
+    is given, and ``bolus_type``, `record.AUTOMATIC` or `record.MANUAL` where the file tells it;
     ``out_of_range``; ``device``, its kind; ``source``, the device or app itself, which no record has; ``person`` of a
     file of several; and ``kind``, in words what a row is that has no value, as ``alerts``. Every row of the file is
     there, whether the record can use it or not.
@@ -134,10 +134,7 @@ def with_doses(frame: pl.DataFrame, doses: list[tuple[int, float, float]]) -> pl
     table = pl.DataFrame(doses, schema=schema, orient="row").with_columns(pl.col("bolus").cast(frame["bolus"].dtype))
     whose = frame.select("row", "time", "in_utc", "utc_offset_min", "device", "source", "kind", "person", "bolus_type")
     table = table.join(whose.unique("row", keep="first"), on="row", how="left", maintain_order="left")
-    bare = frame.filter(
-        pl.col("row").is_in(table["row"].implode())
-        & pl.all_horizontal(pl.col("glucose", "carbs", "bolus", "long_acting", "basal").is_null())
-    )
+    bare = frame.filter(pl.col("row").is_in(table["row"].implode()) & pl.all_horizontal(pl.col(*VALUES).is_null()))
     return pl.concat(
         [frame.join(bare.select("row"), on="row", how="anti", maintain_order="left"), table], how="diagonal"
     )
@@ -151,14 +148,14 @@ def with_basal(frame: pl.DataFrame, rates: list[tuple[int, Any, float]]) -> pl.D
     table = table.join(whose, on="row", how="left", maintain_order="left")
     bare = frame.filter(
         pl.col("row").is_in(table["row"].implode())
-        & pl.all_horizontal(pl.col("glucose", "carbs", "bolus", "long_acting").is_null())
+        & pl.all_horizontal(pl.col(name for name in VALUES if name != "basal").is_null())
     )
     return pl.concat(
         [frame.join(bare.select("row"), on="row", how="anti", maintain_order="left"), table], how="diagonal"
     )
 
 
-_VALUES: Final = ("glucose_mg_dl", "carbs_g", "bolus_U", "long_acting_U", "basal_U_h")
+_VALUES: Final = ("glucose_mg_dl", "carbs_g", "bolus_U", "long_acting_U", "basal_U_h", "glucagon_ug")
 _ABOUT: Final = {"glucose_mg_dl": ("out_of_range",), "bolus_U": ("bolus_min", "bolus_type")}
 """Columns that tell more of a value."""
 

@@ -24,8 +24,9 @@ LOWEST_MG_DL: Final = 20.0
 HIGHEST_MG_DL: Final = 800.0
 """Bounds of a reading: no sensor or meter shows less than 20 or more than 600 mg/dl, and the wider one is no number
 that mmol/l could be."""
-LARGEST_AMOUNTS: Final = {"carbs": 1000.0, "bolus": 100.0, "long_acting": 300.0, "basal": 35.0}
-"""Largest amounts [g, U, U, U/h]: a pump gives up to 25 or 75 U at once, and up to 35 U/h; a pen up to 80 or 160 U."""
+LARGEST_AMOUNTS: Final = {"carbs": 1000.0, "bolus": 100.0, "long_acting": 300.0, "basal": 35.0, "glucagon": 5000.0}
+"""Largest amounts [g, U, U, U/h, ug]: a pump gives up to 25 or 75 U at once, and up to 35 U/h; a pen up to 80 or 160 U;
+an emergency dose of glucagon is 1 mg injected, or 3 mg into the nose."""
 _LARGEST_RATE_U_H: Final = 100.0
 """Largest rate of a record, also of one that a simulator gives over a sample."""
 AUTOMATIC: Final = "automatic"
@@ -42,6 +43,7 @@ COLUMNS: Final = {
     "bolus_type": ColumnForm(kind=pl.String(), choices=(AUTOMATIC, MANUAL)),
     "long_acting_U": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["long_acting"]),
     "basal_U_h": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=_LARGEST_RATE_U_H, nan=True),
+    "glucagon_ug": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["glucagon"]),
     "out_of_range": ColumnForm(kind=pl.String(), choices=("low", "high")),
     "device": ColumnForm(kind=pl.String()),
 }
@@ -50,7 +52,11 @@ SCHEMA: Final = {name: column.kind for name, column in COLUMNS.items()}
 """Columns of a record and their types."""
 PARQUET: Final = b"PAR1"
 """Bytes with which a Parquet file begins."""
-_LATER: Final = (("bolus_type",), ("bolus_min", "bolus_type", "long_acting_U"))
+_LATER: Final = (
+    ("glucagon_ug",),
+    ("bolus_type", "glucagon_ug"),
+    ("bolus_min", "bolus_type", "long_acting_U", "glucagon_ug"),
+)
 """Columns that records of earlier versions do not have."""
 _METADATA: Final = "glucoloop_record"
 _BOUNDS: Final = TableBounds(least_rows=0, most_rows=5_000_000, columns=len(COLUMNS))
@@ -82,7 +88,7 @@ class FileRefusal(Refusal):
 @represented
 @dataclass(frozen=True, kw_only=True)
 class DeviceRecord:
-    """Record that devices made of a person: one row for each reading, meal, bolus or change of the basal rate.
+    """Record that devices made of a person: one row for each reading, meal, dose or change of the basal rate.
 
     The columns of ``frame``, in which null says that the row is about something else:
 
@@ -98,6 +104,7 @@ class DeviceRecord:
     ``long_acting_U``    dose of long-acting insulin, by a pen, at this time [U]
     ``basal_U_h``        basal rate from this time to the next row that has one [U/h]; NaN where it is not known from
                          here on, as after a temporary rate over an unknown usual one
+    ``glucagon_ug``      glucagon given at this time [ug]
     ``out_of_range``     ``low`` or ``high`` where the sensor could not tell a number
     ``device``           kind of device, as ``Dexcom G6``; never a serial number or a name
     ===================  ==============================================================================================
@@ -191,7 +198,7 @@ def read_record(
         Names of columns of any other table, as ``{"time": "Zeit", "glucose_mg_dl": "BZ"}`` or
         ``"time=Zeit,glucose_mg_dl=BZ"``. Files with other names have them with a bar between, as ``time=Zeit|Uhrzeit``.
     file_units : mapping or str, optional
-        Units of amounts, where they are not g, U and U/h, as ``"basal=mU/h,carbs=10g"``.
+        Units of amounts, where they are not g, U, U/h and ug, as ``"basal=mU/h,carbs=10g"``.
     device : str, optional
         Device whose readings are used, where several read at the same time, by the name that the notes have.
     scans : bool
@@ -201,7 +208,8 @@ def read_record(
     -------
     DeviceRecord
         The record, whose frame has the columns ``time``, ``utc_offset_min``, ``glucose_mg_dl``, ``carbs_g``,
-        ``bolus_U``, ``bolus_min``, ``bolus_type``, ``long_acting_U``, ``basal_U_h``, ``out_of_range`` and ``device``.
+        ``bolus_U``, ``bolus_min``, ``bolus_type``, ``long_acting_U``, ``basal_U_h``, ``glucagon_ug``, ``out_of_range``
+        and ``device``.
 
     Raises
     ------

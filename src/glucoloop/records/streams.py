@@ -324,6 +324,7 @@ _AMOUNTS: Final = {
     "bolus_U": "boluses that another app has within 2 min",
     "long_acting_U": "doses of long-acting insulin that another app has within 2 min",
     "carbs_g": "carbohydrate that another app has within 2 min",
+    "glucagon_ug": "doses of glucagon that another app has within 2 min",
 }
 
 

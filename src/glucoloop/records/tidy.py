@@ -17,19 +17,21 @@ from glucoloop.refusal import Refusal
 from glucoloop.text import how_many, printable
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_DAY, MIN_PER_H, S_PER_MIN
 
-NO_VALUE: Final = "rows without glucose, carbohydrate or insulin"
+NO_VALUE: Final = "rows without glucose, carbohydrate, insulin or glucagon"
 UNREADABLE: Final = "rows with values that are no number or not possible"
 NO_TIME: Final = "rows without a readable time"
 REPEATED: Final = "rows that repeat another one"
 SAME_TIME: Final = "readings at the time of another reading of the same device"
 
 _MIN_GAP_MIN: Final = 15.0
-_LARGEST_DAILY: Final = {"bolus_U": 600.0, "long_acting_U": 600.0, "carbs_g": 3000.0}
-"""Amounts of a day beyond those of any person [U, g]."""
+_LARGEST_DAILY: Final = {"bolus_U": 600.0, "long_acting_U": 600.0, "carbs_g": 3000.0, "glucagon_ug": 10000.0}
+"""Amounts of a day beyond those of any person [U, g, ug]."""
+_SMALLER: Final = {"carbs": "0.1g", "glucagon": "ng"}
 _DAILY_WORDS: Final = {
     "bolus_U": ("bolus", "U of boluses"),
     "long_acting_U": ("long_acting", "U of long-acting insulin"),
     "carbs_g": ("carbs", "g of carbohydrate"),
+    "glucagon_ug": ("glucagon", "ug of glucagon"),
 }
 
 
@@ -120,7 +122,7 @@ def _refuse_impossible_days(frame: pl.DataFrame) -> None:
             key, words = _DAILY_WORDS[name]
             raise Refusal(
                 f"it has {usual:.0f} {words} on half of its days, which nobody can mean",
-                f"say the unit, as file_units='{key}={'mU' if name != 'carbs_g' else '0.1g'}' (--file-units)",
+                f"say the unit, as file_units='{key}={_SMALLER.get(key, 'mU')}' (--file-units)",
             )
 
 
@@ -149,6 +151,7 @@ COLUMNS: Final = {
     "bolus": "bolus_U",
     "long_acting": "long_acting_U",
     "basal": "basal_U_h",
+    "glucagon": "glucagon_ug",
 }
 _WORDS: Final = {
     "glucose": "glucose",
@@ -156,13 +159,18 @@ _WORDS: Final = {
     "bolus": "a bolus",
     "long_acting": "long-acting insulin",
     "basal": "a basal rate",
+    "glucagon": "glucagon",
 }
-_UNIT_OF: Final = {"carbs": "g", "bolus": "U", "long_acting": "U", "basal": "U/h"}
+_GIVEN: Final = ("carbs", "bolus", "long_acting", "glucagon")
+"""Amounts, of which 0 is none."""
+_UNIT_OF: Final = {"carbs": "g", "bolus": "U", "long_acting": "U", "basal": "U/h", "glucagon": "ug"}
 _IN_CELLS: Final = {
     "mg/dl": "mg/dl",
     "mmol/l": "mmol/l",
     "g": "g|grams?|gramm",
     "U": "i?u|u?i|ie|e|units?",
+    "ug": "[u\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}]g|mcg",
+    "mg": "mg",
     "U/h": "(i?u|u?i|ie|e|units?) ?(/|per) ?(h|hr|hour)",
 }
 """Words for each unit behind a number in a cell."""
@@ -175,7 +183,7 @@ _HIGH: Final = (
     *("hög", "högt", "wysoki", "wysoka", "wysokie", "vysoká", "vysoka", "korkea", "magas", ">"),
 )
 _ASK_UNIT: Final = "say the unit, as file_units='{name}={example}' (--file-units)"
-_EXAMPLES: Final = {"carbs": "10g", "bolus": "mU", "long_acting": "mU", "basal": MIXED_RATES}
+_EXAMPLES: Final = {"carbs": "10g", "bolus": "mU", "long_acting": "mU", "basal": MIXED_RATES, "glucagon": "ng"}
 _IN_MU: Final = (
     f"; if these are in mU/h, file_units='basal={MIXED_RATES}' (--file-units 'basal={MIXED_RATES}') reads them so"
 )
@@ -223,7 +231,7 @@ def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accou
         ).then(pl.col("bolus_min").cast(pl.Float64)),
         bolus_type=pl.when(pl.col("bolus_U").is_not_null()).then("bolus_type"),
     )
-    zero = pl.any_horizontal(pl.col("_carbs") == 0, pl.col("_bolus") == 0, pl.col("_long_acting") == 0).fill_null(False)
+    zero = pl.any_horizontal(pl.col(f"_{name}") == 0 for name in _GIVEN).fill_null(False)
     _tell(frame, glucose_factor, (lowest, highest), largest, account)
     return frame.with_columns(_zero=zero)
 
@@ -348,7 +356,7 @@ def _tell(
         no_number = int(text.sum())
         kept = frame[COLUMNS[name]]
         outside = number.is_finite().fill_null(False) & (kept.is_null() | kept.is_nan().fill_null(False))
-        outside = outside & (number != 0) if name in ("carbs", "bolus", "long_acting") else outside
+        outside = outside & (number != 0) if name in _GIVEN else outside
         unknown = "; the basal rate is not known from there on" if name == "basal" else ""
         if no_number:
             account.notes.append(

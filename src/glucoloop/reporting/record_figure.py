@@ -19,9 +19,9 @@ from glucoloop.reporting._style import (
     new_figure,
     write,
 )
-from glucoloop.reporting.record_groups import Goals, Reported
+from glucoloop.reporting.record_groups import GLUCAGON, Goals, Reported
 from glucoloop.reporting.record_page import MAX_IN_FULL, top_of_axis_mg_dl
-from glucoloop.units import MIN_PER_H
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +60,13 @@ def _draw_profile(axes: Axes, record: Reported, goals: Goals, top: float) -> Non
     bands = [(of[5], of[95], 0.22), (of[25], of[75], 0.4)]
     draw_bands(axes, profile.t_min / MIN_PER_H, bands, of[50], line_style(0))
     axes.set(xlim=(0.0, 24.0), ylim=(40.0, top), ylabel="Glucose (mg/dl)")
-    axes.set_title(literal(f"{record.label}, {record.dates}"), fontsize=FONT_PT, loc="left")
+    title = f"{record.label}, {record.dates}"
+    if record.glucagon:
+        hours = [dose.clock_min % MIN_PER_DAY / MIN_PER_H for dose in record.glucagon]
+        edge = axes.get_xaxis_transform()
+        axes.plot(hours, [0.96] * len(hours), "v", transform=edge, markersize=3.5, markeredgewidth=0, color="#444444")
+        title += f"; triangles: glucagon, {record.numbers[GLUCAGON]:.0f} ug a day"
+    axes.set_title(literal(title), fontsize=FONT_PT, loc="left")
     axes.xaxis.set_major_locator(every(3.0))
     dress(axes)
     add_axis(axes, other_value(1.0, "mg/dl"), "(mmol/l)")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from glucoloop.metrics.readings.catalogue import PeopleSpread, over_people
@@ -128,6 +128,15 @@ GOALS: Final = {
 
 
 _MAX_WARNED: Final = 3
+GLUCAGON: Final = "glucagon_ug_day"
+
+
+class Dose(NamedTuple):
+    """A dose of glucagon."""
+
+    clock_min: float
+    """Time on the wall, in minutes since midnight of the day 0 of the readings."""
+    amount_ug: float
 
 
 @dataclass(frozen=True)
@@ -142,6 +151,13 @@ class ReportedRecord:
     """Group of people that it belongs to."""
     period: str = ""
     """Days that were asked for, in words."""
+    glucagon: Sequence[Dose] = ()
+    """Doses of glucagon from the first reading to the last."""
+
+    @property
+    def glucagon_ug_day(self) -> float:
+        """Glucagon of a day."""
+        return sum(dose.amount_ug for dose in self.glucagon) / self.numbers["days"]
 
     @property
     def dates(self) -> str:
@@ -172,6 +188,11 @@ class ReportedGroup:
         """Number of its people."""
         return how_many(len(self.records), "person", "people")
 
+    @property
+    def glucagon(self) -> list[Dose]:
+        """Doses of all."""
+        return [dose for record in self.records for dose in record.glucagon]
+
     @functools.cached_property
     def spreads(self) -> Mapping[str, PeopleSpread]:
         """Spread of each number over the people."""
@@ -194,6 +215,13 @@ class ReportedGroup:
 
 
 Reported = ReportedRecord | ReportedGroup
+
+
+def with_glucagon(records: Sequence[ReportedRecord]) -> list[ReportedRecord]:
+    """Records with the number of glucagon a day where any of them has a dose, and else as they are."""
+    if not any(record.glucagon for record in records):
+        return list(records)
+    return [replace(one, numbers={**one.numbers, GLUCAGON: one.glucagon_ug_day}) for one in records]
 
 
 def groups_of(records: Sequence[ReportedRecord]) -> list[ReportedGroup]:

@@ -24,9 +24,10 @@ from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, glucose_episodes
 from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile, by_time_of_day
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
-from glucoloop.reporting.charts import GLUCOSE, Panel, Plot
+from glucoloop.reporting.charts import GLUCOSE, Panel, Plot, PlottedQuantity
 from glucoloop.reporting.columns import MetricRow, in_other_unit
 from glucoloop.reporting.record_groups import (
+    GLUCAGON,
     HIGHEST_CV_PCT,
     MIN_ACTIVE_PCT,
     MIN_DAYS,
@@ -103,8 +104,15 @@ def record_page(
         short=[[record.label, *(_short_cell(number, record) for number in SHORT_NUMBERS)] for record in records],
         columns=number_columns(records),
         rows=number_rows(records) if full else [],
-        definitions=[(result.title.strip(), result.summary) for measure in MEASURES for result in measure.results],
+        definitions=[
+            *((result.title.strip(), result.summary) for measure in MEASURES for result in measure.results),
+            *([(_GLUCAGON.title, _GLUCAGON.summary)] if GLUCAGON in records[0].numbers else []),
+        ],
     )
+
+
+_GLUCAGON: Final = Result(GLUCAGON, "Glucagon in a day of 24 h, as entered.", "Glucagon", "ug a day")
+_GLUCAGON_OF_HOUR: Final = PlottedQuantity("Glucagon", "ug/h", "", 0.0, 0.01, 1)
 
 
 def number_columns(records: Sequence[ReportedRecord]) -> list[str]:
@@ -115,7 +123,8 @@ def number_columns(records: Sequence[ReportedRecord]) -> list[str]:
 
 def number_rows(records: Sequence[ReportedRecord]) -> list[MetricRow]:
     """Rows with all metrics, a value for each record; of two records also the second less the first."""
-    return [_row(measure.section, result, records) for measure in MEASURES for result in measure.results]
+    rows = [_row(measure.section, result, records) for measure in MEASURES for result in measure.results]
+    return [*rows, _row("Glucagon", _GLUCAGON, records)] if GLUCAGON in records[0].numbers else rows
 
 
 def _row(section: str, result: Result, records: Sequence[ReportedRecord]) -> MetricRow:
@@ -181,9 +190,9 @@ def _record(record: ReportedRecord, goals: Goals, *, alone: bool) -> dict[str, A
         "statistics": list(_statistics(record, goals)),
         "bar": [(one, record.numbers[one.result]) for one in goals.ranges],
         "times": list(_times(record, goals)),
-        "plot": _profile_plot(record.label, record.profile, goals),
+        "plot": _profile_plot(record, [record], goals),
         "percentiles": list(_percentile_rows(record.profile)),
-        "days": [_day(readings, int(day), goals, _MAX_POINTS[alone]) for day in latest],
+        "days": [_day(record, int(day), goals, _MAX_POINTS[alone]) for day in latest],
         "all_days": days.size,
         "weekday": _weekday(readings, int(latest[0])),
         "parts_of_day": list(_parts_of_day(readings, goals)),
@@ -231,8 +240,10 @@ def _weekday(readings: Readings, day: int) -> int:
     return (readings.day_0 + dt.timedelta(days=day)).isoweekday()
 
 
-def _day(readings: Readings, day: int, goals: Goals, most: int) -> dict[str, Any]:
-    """Path of the curve of a day, and its time in the target range."""
+def _day(record: ReportedRecord, day: int, goals: Goals, most: int) -> dict[str, Any]:
+    """Path of the curve of a day, its time in the target range, and its glucagon."""
+    readings = record.readings
+    doses = [dose for dose in record.glucagon if dose.clock_min // MIN_PER_DAY == day]
     chosen = slice(*np.searchsorted(readings.day, [day, day + 1]))
     t, glucose = readings.clock_min[chosen] - MIN_PER_DAY * day, readings.glucose_mg_dl[chosen]
     low, high = goals.target_mg_dl
@@ -241,6 +252,8 @@ def _day(readings: Readings, day: int, goals: Goals, most: int) -> dict[str, Any
         "name": readings.date(day),
         "within": percent(within),
         "path": _path(t, glucose, most),
+        "glucagon": f"{sum(dose.amount_ug for dose in doses):.0f} ug of glucagon" if doses else "",
+        "doses": "".join(f"M{_DAY_SIZE[0] * (dose.clock_min / MIN_PER_DAY - day):.1f} 0v9" for dose in doses),
         "band": (_up(high), _up(low) - _up(high)),
         "size": _DAY_SIZE,
     }
@@ -326,7 +339,7 @@ def _group_parts(group: ReportedGroup, goals: Goals) -> dict[str, Any]:
         "numbers": [_group_number(number, group) for number in _numbers(goals)],
         "sufficient": sum(record.sufficient for record in group.records),
         "bar": [(one, group.numbers[one.result]) for one in goals.ranges],
-        "plot": _profile_plot(group.label, group.profile, goals),
+        "plot": _profile_plot(group, group.records, goals),
         "percentiles": list(_percentile_rows(group.profile)),
     }
 
@@ -395,15 +408,24 @@ def top_of_axis_mg_dl(profile: DayProfile) -> float:
     return min(_LARGEST_MG_DL, max(_AXIS_MG_DL[1], 1.05 * highest))
 
 
-def _profile_plot(label: str, profile: DayProfile, goals: Goals) -> Plot:
-    """Plot of percentiles over the day."""
+def _profile_plot(one: Reported, records: Sequence[ReportedRecord], goals: Goals) -> Plot:
+    """Plot of percentiles over the day, and of glucagon in each hour where there is any."""
+    profile = one.profile
     top = top_of_axis_mg_dl(profile)
     panel = _panel(top, goals)
     of = {percentage: np.clip(values, _AXIS_MG_DL[0], top) for percentage, values in profile.percentiles_mg_dl.items()}
     panel.area(profile.t_min, of[5], of[95], 0, "5 to 95 %")
     panel.area(profile.t_min, of[25], of[75], 0, "25 to 75 %")
     panel.line(profile.t_min, of[50], 0, name="median")
-    return Plot(f"Glucose over the day, {label}", MIN_PER_DAY, [panel])
+    panels = [panel]
+    if one.glucagon:
+        hours = [dose.clock_min % MIN_PER_DAY for dose in one.glucagon]
+        edges = MIN_PER_H * np.arange(25.0)
+        sums, _ = np.histogram(hours, edges, weights=[dose.amount_ug for dose in one.glucagon])
+        of_a_day = sums / sum(record.numbers["days"] for record in records)
+        panels.append(Panel(_GLUCAGON_OF_HOUR, (0.0, 1.05 * float(of_a_day.max())), height=110))
+        panels[1].line(edges, of_a_day, 0, name="mean")
+    return Plot(f"Glucose over the day, {one.label}", MIN_PER_DAY, panels)
 
 
 def medians_plot(reported: Sequence[Reported], goals: Goals) -> Plot:

@@ -158,6 +158,7 @@ class Cohort:
         inputs = MinuteInputs(**{name: np.zeros(0) for name in self._minute_inputs})
         refuse_minute_inputs(nominal, inputs)
         self._warm_up, self._warm_up_min = grid.warm_up, grid.warm_up_min
+        takes_meals = getattr(accumulator, "takes_meals", False)
         grid = self._grid = dataclasses.replace(grid, start_min=start_min or 0.0).whole
         dual = gives_glucagon(controller)
         if dual:
@@ -175,9 +176,12 @@ class Cohort:
             instead=meal_model,
             announced=announced,
             own_announcements=own_announcements,
+            counted=takes_meals,
             products=products,
         )
         self._shared = {"moments": eating.moments, "t_min": grid.t_min, "told": eating.announced_by_sample}
+        if takes_meals and not eating.individual:
+            self._shared["eaten"] = eating.eaten_by_sample
         if start_min is not None:
             self._shared["time_of_day_min"] = (grid.start_min + grid.t_min) % MIN_PER_DAY
         if self._warm_up:
@@ -327,6 +331,8 @@ class Cohort:
             reaching["meals"] = np.zeros(self._one.digestion.inputs)
         if self._eating.announced_each:
             reaching["told"] = np.zeros(())
+        if self._eating.counted_each:
+            reaching["eaten"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
         if self._stepped:
             external = self._one.loop.controller

@@ -95,6 +95,8 @@ class Sampled:
     """Carbohydrate that the person eats against low glucose; None where there is none."""
     basal_mU_min: jax.Array | None = None
     """Basal rate of the patient, for metrics; None within the loop."""
+    carbs_g: jax.Array | None = None
+    """Carbohydrate of meals that begin before the next sample, for metrics that need it; None within the loop."""
     forecast: DoseForecast | None = None
     """Forecast on which the decision rests, where forecasts are kept and the controller makes one."""
 

@@ -41,6 +41,8 @@ class PeopleMeals:
         Meal model of all people, in place of their own.
     announced, own_announcements : bool
         Whether meals are announced, and whether what is announced differs between people.
+    counted : bool
+        Whether metrics are told what is eaten at each sample.
     products : str
         Rounding of products, see `native.targets`.
     """
@@ -57,6 +59,7 @@ class PeopleMeals:
         instead: MealModel | None = None,
         announced: bool = False,
         own_announcements: bool = False,
+        counted: bool = False,
         products: str = FUSED,
     ) -> None:
         self._meals, self._grid, self._warm_up_min, self._instead = meals, grid, warm_up_min, instead
@@ -70,13 +73,18 @@ class PeopleMeals:
         """Whether each person has a gut in the loop, for meals or guts differ."""
         self.announced_each = announced and (self.individual or own_announcements)
         """Whether what is announced reaches each person."""
+        self.counted_each = counted and self.individual
+        """Whether what is eaten at each sample reaches each person."""
         samples = grid.samples
         self.moments, self.announced_by_sample = np.zeros((samples, substeps, 0)), np.zeros(samples)
         """Moments ``(samples, substeps, 3)`` and announced carbohydrate ``(samples,)`` that reach all people."""
+        self.eaten_by_sample = self.announced_by_sample
+        """(samples,) carbohydrate of the meals of all people."""
         if meals is not None and not self.individual:
             in_loop = self._in_loop(meals)
             self.moments = np.asarray(absorb(one, in_loop).moments(samples, substeps, self._step_min))
             self.announced_by_sample = _AtSamples(_for_people(in_loop, 1), grid).of(slice(0, samples)).dense()[:, 0]
+            self.eaten_by_sample = self.announced_by_sample
         self._first_announced_g = float(self.announced_by_sample[0]) if announced else 0.0
 
     def gut(self, patient: Patient) -> MealModel:
@@ -115,6 +123,7 @@ class PeopleMeals:
         gut = jax.tree.map(
             lambda leaf: leaf[..., :people] if np.shape(leaf)[-1:] == (everybody,) else leaf, self.gut(patient)
         )
+        eaten = _AtSamples(meals, self._grid)
         reaching_gut = digestion_inputs(gut, meals, self._substeps, self._step_min, self._products)
 
         def inputs(piece: slice) -> dict[str, Any]:
@@ -123,6 +132,8 @@ class PeopleMeals:
                 reaching["meals"] = reaching_gut(piece.start, piece.stop - piece.start)
             if self.announced_each:
                 reaching["told"] = announced.of(piece)
+            if self.counted_each:
+                reaching["eaten"] = eaten.of(piece)
             return reaching
 
         return inputs, announced.of(slice(0, 1)).dense()[0] if self.announced_each else np.zeros(people)

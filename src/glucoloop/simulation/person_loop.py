@@ -124,7 +124,7 @@ class PersonLoop:
         state, happened = sample(loop, carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
             basal = jnp.asarray(loop.plant.patient.basal_insulin_mU_min)
-            happened = dataclasses.replace(happened, basal_mU_min=basal)
+            happened = dataclasses.replace(happened, basal_mU_min=basal, carbs_g=inputs.get("eaten"))
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
             accumulator = self.fold.step(carry.accumulator, inside, inputs["counted_min" if self.warm_up else "t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min

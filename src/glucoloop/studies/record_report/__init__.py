@@ -111,7 +111,7 @@ class RecordRequest(Component):
     file_units: Annotated[
         str | None,
         _reading(
-            "Units of amounts in the files, where they are not g, U and U/h, like basal=mU/h,carbs=10g.",
+            "Units of amounts in the files, where they are not g, U, U/h and ug, like basal=mU/h,carbs=10g.",
             metavar="UNITS",
         ),
     ] = None

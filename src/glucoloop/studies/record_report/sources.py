@@ -13,11 +13,12 @@ from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Readings
 from glucoloop.records import DeviceRecord, FileRefusal, read_people
 from glucoloop.records.reading import files_of_people
 from glucoloop.refusal import Refusal
+from glucoloop.reporting.record_groups import Dose
 from glucoloop.schema.tables import ColumnForm, TableBounds
 from glucoloop.storage.results import read_parquet, refusing_damage
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.text import how_many, printable
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import MIN_PER_DAY, S_PER_MIN
 
 
 class RecordSource(NamedTuple):
@@ -43,6 +44,8 @@ class NamedReadings(NamedTuple):
     group: str
     readings: Readings
     notes: tuple[str, ...]
+    glucagon: tuple[Dose, ...] = ()
+    """Doses of the whole record."""
 
 
 def sources_of(config: RecordRequest) -> list[RecordSource]:
@@ -120,7 +123,8 @@ def read(source: RecordSource, config: RecordRequest) -> Iterator[NamedReadings]
             )
             group = source.group or (trajectory.group if source.alone else f"{source.label} {trajectory.group}".strip())
             group = group if trajectory.of_people or source.group else ""
-            yield NamedReadings(label, group, trajectory.readings, ("A simulated course; its first minute is 0 h.",))
+            notes = ("A simulated course; its first minute is 0 h.",)
+            yield NamedReadings(label, group, trajectory.readings, notes, trajectory.glucagon)
         return
     for label, group, record in records(source, config):
         yield _named(record, label, group, source.paths)
@@ -165,7 +169,10 @@ def _named(record: DeviceRecord, label: str, group: str, paths: Sequence[Path]) 
     averaged = finite.height - readings.t_min.size
     more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
     counted = _by_count(readings)
-    return NamedReadings(label, group, readings, (*record.notes, *more, *counted))
+    given = record.frame.filter(pl.col("glucagon_ug") > 0.0)
+    clock_min = (given["time"] - readings.day_0).dt.total_seconds() / S_PER_MIN
+    glucagon = tuple(map(Dose, clock_min, given["glucagon_ug"]))
+    return NamedReadings(label, group, readings, (*record.notes, *more, *counted), glucagon)
 
 
 _COUNTED: Final = {
@@ -191,6 +198,7 @@ def _by_count(readings: Readings) -> Iterator[str]:
 
 
 _OF_RUN: Final = "glucose_1min.parquet"
+_TRACE: Final = "trace.parquet"
 _OF_TRIAL: Final = "shards/*/traces.parquet"
 _NAMES: Final = ("case", "controller", "person")
 _COURSE: Final = {
@@ -209,6 +217,7 @@ class _SimulatedCourse(NamedTuple):
     of_people: bool
     """Whether the simulation is of several people."""
     readings: Readings
+    glucagon: tuple[Dose, ...]
 
 
 def _is_simulated(folder: Path) -> bool:
@@ -249,11 +258,25 @@ def _simulated_trajectories(folder: Path) -> list[_SimulatedCourse]:
         table = pl.concat(tables)
     names = [name for name in _NAMES if name in table.columns]
     parts = table.partition_by(names, as_dict=True, maintain_order=True) if names else {("the run",): table}
+    doses = _simulated_doses(folder)
     of_people = "person" in names and table["person"].n_unique() > 1
     results = []
     for key, part in parts.items():
         words = [f"person {value}" if isinstance(value, int) else str(value) for value in key]
         readings = Readings.of(part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy())
         group = " ".join(words[:-1] if "person" in names else words) or "People"
-        results.append(_SimulatedCourse(" ".join(words), group, of_people, readings))
+        glucagon = tuple(map(Dose, *doses[key])) if key in doses else ()
+        results.append(_SimulatedCourse(" ".join(words), group, of_people, readings, glucagon))
     return results
+
+
+def _simulated_doses(folder: Path) -> dict[tuple[object, ...], tuple[pl.Series, pl.Series]]:
+    """Times and amounts of the glucagon of a run, or of each case of a comparison."""
+    if not (folder / _TRACE).is_file():
+        return {}
+    table = read_parquet(folder / _TRACE, _BOUNDS)
+    if not {"t_min", "glucagon_ug"} <= {*table.columns}:
+        return {}
+    given = table.filter(pl.col("glucagon_ug") > 0.0)
+    parts = given.partition_by("case", as_dict=True) if "case" in given.columns else {("the run",): given}
+    return {key: (part["t_min"], part["glucagon_ug"]) for key, part in parts.items()}

@@ -17,7 +17,17 @@ from glucoloop.metrics.readings.series import Readings
 from glucoloop.records import FileRefusal
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import FittingTable, lines_table
-from glucoloop.reporting.record_groups import GOALS, Goals, Reported, ReportedGroup, ReportedRecord, groups_of, warnings
+from glucoloop.reporting.record_groups import (
+    GLUCAGON,
+    GOALS,
+    Goals,
+    Reported,
+    ReportedGroup,
+    ReportedRecord,
+    groups_of,
+    warnings,
+    with_glucagon,
+)
 from glucoloop.reporting.record_page import MAX_IN_FULL, SHORT_NUMBERS, number_columns, number_rows, record_page
 from glucoloop.storage.results import Results
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
@@ -65,6 +75,7 @@ def results_of(config: RecordRequest, progress: Callable[[int], None]) -> Result
         progress(1)
     if not records:
         raise Refusal(f"{unread[0][1]}{f' (and {len(unread) - 1} more)' if unread[1:] else ''}")
+    records = with_glucagon(records)
     groups = groups_of(records)
     plain = {
         "records": [_plain(record) for record in records],
@@ -81,7 +92,9 @@ def _reported(one: NamedReadings, period: Period, *, several: bool) -> ReportedR
     chosen = _within(one.readings, period, one.label)
     text = period.text.replace("/", " to ") if several else ""
     label = f"{one.label}: {text}" if text else one.label
-    return ReportedRecord(label, chosen, numbers_of(chosen), one.notes, one.group, text)
+    first, last = chosen.clock_min[[0, -1]]
+    glucagon = [dose for dose in one.glucagon if first <= dose.clock_min <= last]
+    return ReportedRecord(label, chosen, numbers_of(chosen), one.notes, one.group, text, glucagon)
 
 
 def _on_unread(unread: Sequence[tuple[str, str]]) -> Iterator[str]:
@@ -187,7 +200,7 @@ def _file_tables(
     )
     metrics = metrics.fill_nan(None)
     days = [
-        {"record": one.label, "day": one.readings.date(day), **of}
+        {"record": one.label, "day": one.readings.date(day), **of, **_glucagon_of(one, day)}
         for one in records
         for day, of in by_day(one.readings)
     ]
@@ -205,6 +218,13 @@ def _file_tables(
         "profile.csv": pl.concat([_profile_table(one) for one in reported]),
         **({"groups.csv": _groups_table(groups, goals)} if groups else {}),
     }
+
+
+def _glucagon_of(record: ReportedRecord, day: int) -> dict[str, float]:
+    """Glucagon of a day, where there is any in the records."""
+    if GLUCAGON not in record.numbers:
+        return {}
+    return {"glucagon_ug": sum(dose.amount_ug for dose in record.glucagon if dose.clock_min // MIN_PER_DAY == day)}
 
 
 def _groups_table(groups: Sequence[ReportedGroup], goals: Goals) -> pl.DataFrame:

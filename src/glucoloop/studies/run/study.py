@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import polars as pl
 
 from glucoloop.bounds import OptimalDoses, distance_to_bound
@@ -31,6 +32,7 @@ from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.studies.closed_loop import Outcome, close_the_loop
 from glucoloop.studies.run import Comparison
 from glucoloop.therapy import TARGET, TherapyChange
+from glucoloop.trials.statistics import Moments, mean_interval
 from glucoloop.units import MIN_PER_DAY
 
 _FILES: Final = {
@@ -48,6 +50,8 @@ _DIFFERENCES: Final = {
     "mean_mg_dl": "mean\n(mg/dl)",
 }
 """Numbers in which a changed therapy is compared with the one as it is, with their headings."""
+_MIN_DAYS: Final = 3
+"""Least number of days over which differences have an interval."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,21 @@ class ClosedLoops:
             numbers: list[dict[str, Any]] = [self.outcomes[at].metrics.as_dict() for at in (label, of)]
             pairs = {name: [of_case[name] for of_case in numbers] for name in _DIFFERENCES}
             results[label] = {name: None if None in pair else pair[0] - pair[1] for name, pair in pairs.items()}
+        return results
+
+    def intervals(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """Interval of 95 % of each difference over the whole days of the run; empty for fewer than three days.
+
+        It is Student's t, of the differences of each day.
+        """
+        by_day = {label: _by_day(outcome.trace) for label, outcome in self.outcomes.items()} if self.unchanged else {}
+        results: dict[str, dict[str, tuple[float, float]]] = {}
+        for label, of in self.unchanged.items():
+            for name, values in by_day[label].items():
+                if values.size >= _MIN_DAYS and np.isfinite(values).all() and np.isfinite(by_day[of][name]).all():
+                    moments = Moments()
+                    moments.add(values - by_day[of][name])
+                    results.setdefault(label, {})[name] = mean_interval(moments)
         return results
 
     def distances(self) -> dict[str, Any] | None:
@@ -127,8 +146,11 @@ def results_of(config: Run, progress: Callable[[str], None]) -> Results:
     loops = ClosedLoops(outcomes, bound_of_run(config) if config.bound else None, unchanged)
     plain: dict[str, Any] = {"cases": {label: outcome.report() for label, outcome in outcomes.items()}}
     if unchanged:
-        differences = loops.differences().items()
-        plain["changes"] = {label: {"of": unchanged[label], "difference": numbers} for label, numbers in differences}
+        intervals = loops.intervals()
+        plain["changes"] = {
+            label: {"of": unchanged[label], "difference": numbers, "interval": intervals.get(label)}
+            for label, numbers in loops.differences().items()
+        }
     if loops.bound is not None:
         plain["bound"] = {
             "known_after_min": loops.bound.known_after_min,
@@ -183,6 +205,37 @@ def _as_files(name: str, table: pl.DataFrame) -> dict[str, pl.DataFrame]:
     return {f"{name}.parquet": table, f"{name}.csv": table}
 
 
+def _by_day(trace: Trace) -> dict[str, npt.NDArray[np.float64]]:
+    """The numbers of `_DIFFERENCES` of each whole day ``(days,)``."""
+    t_min, glucose = np.asarray(trace.fine_t_min), np.asarray(trace.fine_glucose_mg_dl, np.float64)
+    each = round(MIN_PER_DAY / float(t_min[1] - t_min[0]))
+    days = (glucose.size - 1) // each
+    of_day = glucose[1 : 1 + days * each].reshape(days, each)
+    inside = {
+        "time_70_180_pct": (of_day >= 70.0) & (of_day <= 180.0),
+        "time_below_70_pct": of_day < 70.0,
+        "time_above_180_pct": of_day > 180.0,
+    }
+    known = np.where(np.isfinite(of_day), 1.0, np.nan)
+    shares = {name: 100.0 * (there * known).mean(axis=1) for name, there in inside.items()}
+    return {**shares, "mean_mg_dl": of_day.mean(axis=1)}
+
+
+def _sentences_on_changes(loops: ClosedLoops) -> Iterator[str]:
+    """Sentences on the difference by each change, with its interval over the days."""
+    intervals, differences = loops.intervals(), loops.differences()
+    for label, of in intervals.items():
+        inside, below = (
+            f"{differences[label][name]:+z.1f}" + "{} ({:+z.1f} to {:+z.1f})".format(unit, *of[name])
+            for name, unit in (("time_70_180_pct", " percentage points"), ("time_below_70_pct", ""))
+        )
+        yield (
+            f"{label} instead of the therapy as it is: time from 70 to 180 mg/dl {inside}, time below 70 mg/dl {below}."
+        )
+    if intervals:
+        yield "The ranges are intervals of 95 % over the days of this person (Student's t); people differ more."
+
+
 def _gave_boluses(outcome: Outcome) -> bool:
     return outcome.trace.bolus_mU is not None and bool((outcome.trace.bolus_mU > 0.0).any())
 
@@ -234,6 +287,7 @@ def sentences(config: Run, results: Results) -> Iterator[str]:
             yield f"The therapy is changed: {'; '.join(config.changes)}."
         yield from results.plain["summary"]["sentences"]
         return
+    yield from _sentences_on_changes(results.extra)
     for label, case in results.plain["cases"].items():
         yield from (f"{label}: {text}" for text in case["summary"]["sentences"])
 
