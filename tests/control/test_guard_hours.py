@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, GuardSettings, guarded
 from glucoloop.pumps import DoseLimits
-from guarding import BASAL, SETPOINT, largest_hour, largest_on_board, observe
+from guarding import BASAL, SETPOINT, damaged, largest_hour, largest_on_board, observe
 
 SAMPLE_TIMES_MIN = (0.1, 0.7, 1.0, 3.0, 5.0, 7.0, 11.0, 15.0, 25.0, 29.9, 40.0, 45.0, 59.0, 60.0, 61.0, 90.0, 120.0)
 USUAL, SKIN = GuardSettings(), GuardSettings.for_route("subcutaneous")
@@ -56,17 +56,6 @@ def doses_of(guard, readings, wanted, damage, *, silent=False):
     no_bolus = jnp.zeros(()) if guard.inner.gives_boluses else None
     state = guard.init(dataclasses.replace(first, delivered_bolus_mU=no_bolus))
     return jax.lax.scan(sample, (state, jnp.asarray(BASAL), no_bolus), (readings, wanted, damage))[1]
-
-
-def damaged(state, word, value):
-    """A state with one word replaced, by a factor above 1e3; none for a word below 0."""
-    leaves, structure = jax.tree.flatten(state)
-    first, new = 0, []
-    for leaf in map(jnp.asarray, leaves):
-        number = first + jnp.arange(leaf.size).reshape(leaf.shape)
-        new.append(jnp.where(word == number, value.astype(leaf.dtype), leaf))
-        first += leaf.size
-    return jax.tree.unflatten(structure, new)
 
 
 def samples_for(every):

@@ -132,3 +132,30 @@ def test_c_of_a_controller_with_glucagon_gives_the_bits_of_its_definition(way, g
         glucagon_ug = [float(decision.glucagon_ug) for decision in decisions]
         assert 0.0 < max(glucagon_ug) <= 100.0
         assert glucagon_ug[0] == glucagon_ug[-1] == 0.0
+
+
+@pytest.mark.long
+def test_c_of_the_guard_by_forecast_gives_the_bits_of_its_definition():
+    run = configured(
+        Run, patient="hovorka-2004", controller=["basal-bolus"], guard="forecast", meals=["60g@7h"], announce_meals=True
+    )
+    exported = export(controller_of(run, run.case), run.limits, SEEN, ["forecast"], precision="float32")
+    library, (init, step) = Library(exported.source, "float32"), arithmetic(exported)
+    state, decisions, delivered = None, [], 14.0
+    for reading, carbs_g in ((110.0, 0.0), (90.0, 60.0), (64.0, 60.0), (np.nan, 0.0), (110.0, 0.0), (3e38, np.nan)):
+        seen = dataclasses.replace(
+            SEEN,
+            glucose_mg_dl=jnp.asarray(reading),
+            announced_carbs_g=jnp.asarray(carbs_g),
+            delivered_mU_min=jnp.asarray(delivered),
+        )
+        leaves = leaves_of(seen, exported)
+        state = init(leaves) if state is None else state
+        in_c = library.step(state, leaves)
+        state, decided = step(state, leaves)
+        assert equal((*in_c[0], *in_c[1]), (*state, *decided)), reading
+        decisions.append(decision_of(decided, exported))
+        delivered = float(decisions[-1].insulin_mU_min)
+    boluses = [float(decision.bolus_mU) for decision in decisions]
+    assert boluses[1] > 0.0
+    assert boluses[2] == 0.0

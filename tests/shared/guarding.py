@@ -77,13 +77,24 @@ def follow(controller, readings, *, start=BASAL, valid=None):
     return np.array(doses), np.array(statuses), states
 
 
-def largest_hour(rates, boluses, every):
+def damaged(state, word, value):
+    """A state with one word replaced, by a factor above 1e3; none for a word below 0."""
+    leaves, structure = jax.tree.flatten(state)
+    first, new = 0, []
+    for leaf in map(jnp.asarray, leaves):
+        number = first + jnp.arange(leaf.size).reshape(leaf.shape)
+        new.append(jnp.where(word == number, value.astype(leaf.dtype), leaf))
+        first += leaf.size
+    return jax.tree.unflatten(structure, new)
+
+
+def largest_hour(rates, boluses, every, basal=BASAL):
     """Largest insulin in any window of 60 min [basal hours]: windows that begin or end anywhere, by brute force.
 
     The insulin up to a time is linear between boluses, so the largest window has an end at the border of a sample.
     """
     before = math.ceil(60.0 / every) + 2
-    rates = np.r_[np.full(before, BASAL), np.maximum(rates, BASAL)]
+    rates = np.r_[np.full(before, basal), np.maximum(rates, basal)]
     boluses = np.r_[np.zeros(before), boluses]
     t = every * np.arange(rates.size + 1)
     total = np.r_[0.0, np.cumsum(every * rates)]
@@ -94,15 +105,15 @@ def largest_hour(rates, boluses, every):
     hair = 1e-7
     last = np.searchsorted(t[:-1], begin + 60.0 + hair, side="right")
     first = np.searchsorted(t[:-1], begin - hair, side="left")
-    return float(np.max(flowed + at_once[last] - at_once[first])) / (60.0 * BASAL)
+    return float(np.max(flowed + at_once[last] - at_once[first])) / (60.0 * basal)
 
 
-def largest_on_board(rates, boluses, every, tau_min):
+def largest_on_board(rates, boluses, every, tau_min, basal=BASAL):
     """Largest insulin on board [basal rates], each bolus given at once."""
     left, on_board, largest = math.exp(-every / tau_min), 0.0, 0.0
     for rate, bolus in zip(rates, boluses, strict=True):
-        on_board += bolus / (tau_min * BASAL)
+        on_board += bolus / (tau_min * basal)
         largest = max(largest, on_board)
-        on_board = max(left * on_board + (1.0 - left) * (rate / BASAL - 1.0), 0.0)
+        on_board = max(left * on_board + (1.0 - left) * (rate / basal - 1.0), 0.0)
         largest = max(largest, on_board)
     return largest

@@ -4,6 +4,7 @@ from .glucagon import MiniDoseGlucagon as MiniDoseGlucagon
 from .glucagon import ThresholdGlucagon as ThresholdGlucagon
 from .guard import Guard as Guard
 from .guard import guarded as guarded
+from .guard_settings import ForecastSettings as ForecastSettings
 from .guard_settings import GuardSettings as GuardSettings
 from .imc import IMC as IMC
 from .imc import design_imc as design_imc

@@ -54,10 +54,15 @@ def bolus_since(observation: Observation, requested_mU: jax.Array, limits: Bolus
     return jnp.where((word >= 0.0) & (word <= limits.max_mU), word, requested_mU)
 
 
+def is_eating(observation: Observation) -> jax.Array:
+    """Whether a possible meal is announced at this sample."""
+    carbs = observation.announced_carbs_g
+    return (carbs > 0.0) & (carbs <= _MAX_CARBS_G)
+
+
 def announced_carbs(observation: Observation) -> jax.Array:
     """Announced carbohydrate [g], or 0 where there is none or it is impossible."""
-    carbs = observation.announced_carbs_g
-    return jnp.where((carbs > 0.0) & (carbs <= _MAX_CARBS_G), carbs, 0.0)
+    return jnp.where(is_eating(observation), observation.announced_carbs_g, 0.0)
 
 
 def with_rescue(carbs_g: jax.Array, observation: Observation) -> jax.Array:

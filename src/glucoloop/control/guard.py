@@ -27,6 +27,7 @@ from glucoloop.control.guard_doses import (
     repaired_doses,
     updated_doses,
 )
+from glucoloop.control.guard_forecast import Foresight, ForesightState
 from glucoloop.control.guard_glucagon import (
     GlucagonHistory,
     allowed_glucagon,
@@ -42,7 +43,7 @@ from glucoloop.control.guard_readings import (
     repaired_readings,
     updated_readings,
 )
-from glucoloop.control.guard_settings import GuardSettings
+from glucoloop.control.guard_settings import ForecastSettings, GuardSettings
 from glucoloop.control.protocol import (
     Controller,
     Decision,
@@ -85,6 +86,8 @@ class _GuardState:
     """Last bolus that the guard asked for; None where the inner controller gives none."""
     glucagon: GlucagonHistory | None = None
     """Glucagon that the guard asked for; None where the inner controller gives none."""
+    foresight: ForesightState | None = None
+    """State of the forecast; None for a guard without one."""
 
 
 class _Accepted(NamedTuple):
@@ -124,6 +127,8 @@ class Guard(AroundAnother):
     """Insulin that a gram of carbohydrate needs by the profile, relative to the rule from the basal rate."""
     fall_share: jax.Array | float = 1.0
     """Fall of glucose by insulin that the guard assumes, relative to that of the settings."""
+    foresight: Foresight | None = None
+    """Forecast that every dose passes, or None."""
     by_schedule: bool = static(default=False)
     """Whether the basal rate changes from sample to sample."""
 
@@ -163,6 +168,7 @@ class Guard(AroundAnother):
             self,
             carb_share=share(profile.carb_ratio_g_U, lambda ratio: rule.carb_ratio() / ratio),
             fall_share=share(profile.correction_mg_dl_U, lambda factor: _MARGIN * factor / rule.correction_factor()),
+            foresight=None if self.foresight is None else self.foresight.with_profile(profile),
         )
 
     def init(self, observation: Observation) -> _GuardState:
@@ -189,6 +195,7 @@ class Guard(AroundAnother):
             suspended=jnp.zeros_like(delivered),
             bolus_mU=no_bolus,
             glucagon=no_glucagon(delivered) if self.gives_glucagon else None,
+            foresight=None if self.foresight is None else self.foresight.init(clean, basal),
         )
 
     def step(self, state: _GuardState, observation: Observation) -> tuple[_GuardState, Decision]:
@@ -239,17 +246,38 @@ class Guard(AroundAnother):
         dose = jnp.where(within, dose, self._clip(dose, delivered, lowest_start))
 
         limited, bolus = wanted > allowed, None
+        eats = clean.announced_carbs_g > 0.0
+        foresight, ahead = self.foresight, state.foresight
+        if foresight is not None and ahead is not None:
+            counted_mU = inputs.counted_mU_min * every
+            if inputs.counted_bolus_mU is not None:
+                counted_mU = counted_mU + inputs.counted_bolus_mU
+            ahead = foresight.updated(ahead, clean, doses.basal_mU_min, counted_mU)
         if decision.bolus_mU is not None:
             requested = jnp.where(sound, jnp.maximum(decision.bolus_mU, 0.0), 0.0)
             # A reading that is not accepted calls for no insulin, but a meal does, which also ends a predicted low.
-            eats = clean.announced_carbs_g > 0.0
             may = jnp.where(eats, lowest >= settings.low_mg_dl, trusted & ~suspended) & ~gap
             change = self.limits.max_change_mU_min
             beside = largest_possible_rate(doses, dose, dose, change)
-            bolus = jnp.where(
-                may, jnp.minimum(requested, largest_allowed_bolus(doses, beside, own, settings, change, every)), 0.0
-            )
+            if ahead is not None:
+                requested = jnp.where(eats, requested + ahead.owed_mU, jnp.maximum(requested, ahead.owed_mU))
+            due = jnp.minimum(requested, largest_allowed_bolus(doses, beside, own, settings, change, every))
+            bolus = jnp.where(may, due, 0.0)
             limited = limited | (requested > bolus)
+        if foresight is not None and ahead is not None:
+            basal, wanted_mU = doses.basal_mU_min, dose * every + (0.0 if bolus is None else bolus)
+            most_mU = foresight.largest_dose(ahead, basal, wanted_mU)
+            # Without a forecast there is the basal rate, and no bolus. Where glucose is high no forecast takes the
+            # basal rate away: without any insulin for hours glucose would go on rising.
+            fits, passes = jnp.isfinite(most_mU), most_mU >= wanted_mU
+            high = trusted & (readings.glucose_mg_dl > foresight.settings.basal_above_mg_dl)
+            rate = jnp.minimum(dose, jnp.where(fits, jnp.maximum(most_mU / every, jnp.where(high, basal, 0.0)), basal))
+            dose = jnp.where(passes, dose, jnp.minimum(dose, self._clip(rate, delivered, lowest_start)))
+            if bolus is not None:
+                rest = jnp.where(fits, jnp.clip(most_mU - dose * every, 0.0, bolus), 0.0)
+                bolus = jnp.where(passes, bolus, rest)
+                ahead = foresight.owing(ahead, eats, due, bolus + jnp.maximum(dose - basal, 0.0) * every)
+            limited = limited | ~passes
 
         glucagon, history = decision.glucagon_ug, state.glucagon
         if glucagon is not None and history is not None:
@@ -277,6 +305,7 @@ class Guard(AroundAnother):
             suspended=jnp.where(suspended, 1.0, 0.0).astype(dose.dtype),
             bolus_mU=bolus,
             glucagon=history,
+            foresight=ahead,
         )
         return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus, glucagon_ug=glucagon)
 
@@ -342,6 +371,7 @@ class Guard(AroundAnother):
             suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
             bolus_mU=None if bolus is None else jnp.where(intact, bolus, largest),
             glucagon=None if state.glucagon is None else repaired_glucagon(state.glucagon, self.settings),
+            foresight=state.foresight,
         )
 
     @property
@@ -521,11 +551,16 @@ def guarded(
     """
     if basal_mU_min is not None:
         check_rate("basal", basal_mU_min, limits)
+    settings = GuardSettings() if settings is None else settings
+    foresight = None
+    if isinstance(settings, ForecastSettings):
+        foresight = Foresight.of(settings, controller.sample_time_min)
     return Guard(
         inner=controller,
         limits=limits,
         basal_mU_min=math.nan if basal_mU_min is None else basal_mU_min,
-        settings=GuardSettings() if settings is None else settings,
+        settings=settings,
+        foresight=foresight,
     )
 
 

@@ -12,8 +12,8 @@ from typing import Annotated, Any, ClassVar, Final, Protocol
 
 from glucoloop.component.base import Component
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.component.effects import GLUCAGON, PROFILE, READINGS, Need
-from glucoloop.component.request import Request, completed
+from glucoloop.component.effects import DOSES_BY_PROFILE, GLUCAGON, PROFILE, READINGS, Need
+from glucoloop.component.request import Request, completed, request_of
 from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
@@ -189,9 +189,57 @@ class GuardSettings(Component, name="usual"):
             )
 
 
+class ForecastSettings(GuardSettings, name="forecast"):
+    """The limits of the usual guard, and a forecast that every dose passes; for subcutaneous insulin.
+
+    A dose passes as far as glucose stays above a floor by a cautious forecast if no insulin follows it; see
+    `control.guard_forecast`. Insulin of an announced meal that is withheld is offered again for some time.
+    """
+
+    floor_mg_dl: Annotated[float, _limit("Floor under the cautious forecast of glucose.", quantity=GLUCOSE_BOUND)] = (
+        70.0
+    )
+    forecast_min: Annotated[float, _waiting("Time of this forecast.", at_most=480.0)] = 300.0
+    basal_above_mg_dl: Annotated[
+        float, _limit("Reading above which the forecast does not take the basal rate away.", quantity=GLUCOSE_BOUND)
+    ] = 180.0
+    owed_min: Annotated[float, _waiting("Time for which withheld insulin of a meal is offered again.")] = 120.0
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the guard meets; its forecast goes by announced meals, ratio and factor too."""
+        return DOSES_BY_PROFILE
+
+    @classmethod
+    def for_route(cls, insulin_route: str) -> ForecastSettings:
+        """Default limits for subcutaneous insulin; another route is refused, since the forecast is of no other."""
+        cls.refuse_route(insulin_route)
+        return cls(**cls.defaults_of_route(insulin_route))
+
+    @classmethod
+    def defaults_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+        """Default limits for a route of insulin, where they differ from the defaults.
+
+        The trend is followed for half the time, since the forecast sees lows that come later: 30 min in place of 60
+        keep 1.6 points more of the time in range (100 people of hovorka) and bring nobody else below 54 mg/dl.
+        """
+        return {**super().defaults_of_route(insulin_route), "ahead_min": 30.0}
+
+    @classmethod
+    def refuse_route(cls, insulin_route: str) -> None:
+        """Refuse a route of insulin but the subcutaneous one."""
+        if insulin_route != SUBCUTANEOUS:
+            raise Refusal(
+                f"the guard {cls.name} forecasts subcutaneous insulin, and this insulin is {insulin_route}",
+                "give the guard usual, or a patient of subcutaneous insulin like --patient hovorka-2004",
+            )
+
+
 GUARDS: Final = Catalogue(
     GuardSettings,
-    {"usual": "glucoloop.control.guard_settings:GuardSettings"},
+    {
+        "usual": "glucoloop.control.guard_settings:GuardSettings",
+        "forecast": "glucoloop.control.guard_settings:ForecastSettings",
+    },
     example="usual, max_hour=2",
     unnamed=True,
 )
@@ -208,5 +256,8 @@ def guard_of(
     patient: Guarded | type[Guarded], guard: GuardSettings | Request[GuardSettings] | None = None
 ) -> GuardSettings:
     """A guard with the defaults of a patient, in place of the settings that are not explicit."""
-    defaults = {**OF_ROUTE[patient.insulin_route], **patient.guard}
-    return completed(guard or Request(GuardSettings), defaults)
+    asked = request_of(guard or Request(GuardSettings))
+    settings = completed(asked, {**asked.component.defaults_of_route(patient.insulin_route), **patient.guard})
+    if isinstance(settings, ForecastSettings):
+        settings.refuse_route(patient.insulin_route)
+    return settings

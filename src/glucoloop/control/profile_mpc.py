@@ -23,6 +23,7 @@ from glucoloop.control.decision import (
     decide,
     delivered_since,
     hear,
+    is_eating,
     is_known,
     is_of_a_person,
     no_meals_to_come,
@@ -50,8 +51,6 @@ _STEPS_MIN: Final = ((240.0, 30.0), (math.inf, 60.0))
 """Longest step of the forecast in blocks that end by a time."""
 _ITERATIONS: Final = 2
 """Linearisations at each sample."""
-_MAX_CARBS_G: Final = 1000.0
-"""Largest carbohydrate of a meal that is accepted."""
 _MIN_VARIANCE: Final = 0.25
 """(mg/dl)^2 that the filter expects of readings without noise."""
 
@@ -402,17 +401,11 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         known = is_known(observation)
         delivered = delivered_since(observation, state.requested_mU_min)
         bolus = self._delivered_bolus(state, observation)
-        estimate = self.filter.predict(self.model, state.estimate, delivered + bolus / self.sample_time_min)
-        estimate = self.filter.update(self.model, estimate, observation.glucose_mg_dl, known)
-        carbs = observation.announced_carbs_g
-        eats = (carbs > 0.0) & (carbs <= _MAX_CARBS_G)
-        to_come, begins = hear(state.to_come, observation, jnp.where(eats, carbs, 0.0), self.sample_time_min)
-        estimate = self.filter.announce(estimate, with_rescue(begins, observation))
-
-        finite = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(estimate)])
-        sound = jnp.all(finite) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
+        eats = is_eating(observation)
+        estimate, to_come, sound = self.estimated(
+            state.estimate, state.to_come, observation, delivered + bolus / self.sample_time_min
+        )
         fresh = self.init(observation)
-        estimate = jax.tree.map(lambda present, new: jnp.where(sound, present, new), estimate, fresh.estimate)
         plan = jnp.where(jnp.all(jnp.isfinite(state.plan_mU_min)) & sound, state.plan_mU_min, fresh.plan_mU_min)
 
         plan = self._plan(estimate, to_come, plan, target_mg_dl(observation), delivered, eats)
@@ -421,6 +414,32 @@ class ProfileMPC(ByProfile, name="profile-mpc"):
         estimate = jax.tree.map(lambda present, new: jnp.where(planned, present, new), estimate, fresh.estimate)
         plan = jnp.where(planned, plan, fresh.plan_mU_min)
         return _Planned(known, delivered, estimate, to_come, eats, plan, sound & planned)
+
+    def estimated(
+        self,
+        estimate: FedEstimate,
+        to_come: MealsToCome | None,
+        observation: Observation,
+        insulin_mU_min: jax.Array,
+    ) -> tuple[FedEstimate, MealsToCome | None, jax.Array]:
+        """Estimate of this sample, meals to come, and whether the estimate was sound or had to begin again.
+
+        `insulin_mU_min` is all insulin since the last sample, as a rate.
+        """
+        estimate = self.filter.predict(self.model, estimate, insulin_mU_min)
+        estimate = self.filter.update(self.model, estimate, observation.glucose_mg_dl, is_known(observation))
+        carbs = jnp.where(is_eating(observation), observation.announced_carbs_g, 0.0)
+        to_come, begins = hear(to_come, observation, carbs, self.sample_time_min)
+        estimate = self.filter.announce(estimate, with_rescue(begins, observation))
+
+        finite = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(estimate)])
+        sound = jnp.all(finite) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
+        fresh = self.filter.init(self.model)
+        return jax.tree.map(lambda present, new: jnp.where(sound, present, new), estimate, fresh), to_come, sound
+
+    def expected(self, estimate: FedEstimate, to_come: MealsToCome | None, plan: jax.Array) -> jax.Array:
+        """Glucose ``(p,)`` that is expected at the ends of the steps ahead, under a plan."""
+        return self._glucose(estimate, self._later(estimate, to_come)[0], plan)
 
     def _delivered_bolus(self, state: _ProfileMPCState, observation: Observation) -> jax.Array:
         """Bolus since the last sample: the reported one, or the one asked for if the report is impossible."""

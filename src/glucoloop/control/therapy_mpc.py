@@ -15,6 +15,8 @@ from glucoloop.control.profile_mpc import ProfileMPC
 from glucoloop.estimation.fed_filter import FedEstimate, Learning
 from glucoloop.models.profiled import GutCompartments, profiled_model
 from glucoloop.models.therapy_settings import DRIFT, LOG_GAIN, WEIGHT_KG, TherapySettingsModel
+from glucoloop.pumps.limits import BolusLimits, DoseLimits
+from glucoloop.therapy import Profile
 from glucoloop.unit_guess import GLUCOSE_BOUND
 
 
@@ -68,10 +70,21 @@ class TherapyMPC(ProfileMPC, name="therapy-mpc"):
 
     def designed(self, case: DesignCase) -> TherapyMPC:
         """The controller for a patient's profile."""
+        return self.of_person(case.profile, case.limits, case.bolus, case.sample_time_min, case.noise_variance)
+
+    def of_person(
+        self,
+        profile: Profile,
+        limits: DoseLimits,
+        bolus: BolusLimits,
+        sample_time_min: float,
+        noise_variance: float = 0.0,
+    ) -> TherapyMPC:
+        """The controller for a person with a profile, a pump and a sensor."""
         equations = TherapySettingsModel(
-            target_mg_dl=jnp.asarray(case.profile.setpoint_mg_dl, float),
+            target_mg_dl=jnp.asarray(profile.setpoint_mg_dl, float),
             sensor_lag_min=jnp.asarray(self.sensor_lag_min, float),
-            sample_time_min=case.sample_time_min,
+            sample_time_min=sample_time_min,
         )
         gut = GutCompartments(time_to_peak_min=self.gut_min)
         model = profiled_model(equations, equations.linearised(), gut, WEIGHT_KG, self.min_profile_share)
@@ -82,9 +95,7 @@ class TherapyMPC(ProfileMPC, name="therapy-mpc"):
             walk=self.gain_walk_pct / 100.0,
             states=(DRIFT, LOG_GAIN),
         )
-        return self._of_profiled(
-            model.with_profile(case.profile), gut, case.limits, case.bolus, case.noise_variance, learning
-        )
+        return self._of_profiled(model.with_profile(profile), gut, limits, bolus, noise_variance, learning)
 
     def _doubted(self, estimate: FedEstimate) -> FedEstimate:
         return self.filter.less_sure(super()._doubted(estimate), self.gain_doubt)

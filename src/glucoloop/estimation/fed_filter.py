@@ -165,6 +165,15 @@ class FedFilter:
         x = [value + deviations * error if i == state else value for i, value in enumerate(estimate.x)]
         return dataclasses.replace(estimate, x=jnp.stack(x))
 
+    def drifting_down(self, estimate: FedEstimate, deviations: float) -> FedEstimate:
+        """Estimate in which glucose drifts down under the basal rate, by so many standard deviations of the drift."""
+        if self.learning is None:
+            return estimate
+        place, state = 5 + len(self.fed), self.learning.states[0]
+        error = jnp.sqrt(jnp.maximum(estimate.covariance[place, place], 0.0))
+        x = [value - deviations * error if i == state else value for i, value in enumerate(estimate.x)]
+        return dataclasses.replace(estimate, x=jnp.stack(x))
+
     def init(self, model: ProfiledModel) -> FedEstimate:
         """Estimate of a person at steady state with an empty gut, whose glucose is yet to be read."""
         none = jnp.zeros_like(jnp.asarray(model.basal_mU_min, float))
