@@ -154,9 +154,9 @@ def test_where_half_of_the_meals_are_not_entered_the_usual_meal_is_forecast(seed
 def test_the_usual_meal_is_that_of_each_day():
     usual = UsualDay(*np.zeros((3, SAMPLES_PER_DAY)), np.eye(1, SAMPLES_PER_DAY, 280)[0])
     leaning = dataclasses.replace(own_model(coefficients=np.append(COEFFICIENTS[:-1], 2.0)), usual=usual)
-    record = gridded(np.full(3 * SAMPLES_PER_DAY, np.nan), carbs_g=np.zeros(3 * SAMPLES_PER_DAY))
-    eaten = dataclasses.replace(record, carbs_g=np.tile(usual.carbs_g, 3))
-    origin, horizons = np.array([2 * SAMPLES_PER_DAY - 1]), np.arange(1, 200, 10)
+    record = gridded(np.full(2 * SAMPLES_PER_DAY, np.nan), carbs_g=np.zeros(2 * SAMPLES_PER_DAY))
+    eaten = dataclasses.replace(record, carbs_g=np.tile(usual.carbs_g, 2))
+    origin, horizons = np.array([SAMPLES_PER_DAY - 1]), np.arange(1, 200, 10)
     leant = leaning.forecast(record, origin, horizons, future_known=True).mean_mg_dl
     told = own_model(coefficients=np.append([-25.0, 2.0], COEFFICIENTS[2:])).forecast(
         eaten, origin, horizons, future_known=True
