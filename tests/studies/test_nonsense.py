@@ -91,22 +91,13 @@ def test_nothing_is_broken_by_false_reports(patient, precision):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("patient", "controller", "sample_times_min"),
-    [
-        ("parker-1999", "basal-bolus", (1.0, 10.0)),
-        ("parker-1999", "pid", (3.0, 15.0)),
-        ("hovorka-2004", "basal-bolus", (3.0, 15.0)),
-        ("hovorka-2004", "pid", (1.0, 10.0)),
-    ],
-)
-def test_nothing_is_broken_by_false_reports_at_any_sample_time(patient, controller, sample_times_min):
-    """Each patient with each controller, and each sample time with each patient, controller and precision."""
-    given = {"controllers": (controller,), "sample_times_min": sample_times_min}
-    result = found(nonsense=100_000, patient=patient, precisions=("float64", "float32"), **given)
+@pytest.mark.parametrize("patient", ["parker-1999", "hovorka-2004"])
+def test_nothing_is_broken_by_false_reports_at_any_sample_time(patient):
+    given = {"controllers": ("basal-bolus", "pid"), "sample_times_min": (1.0, 3.0, 10.0, 15.0)}
+    result = found(nonsense=200_000, patient=patient, precisions=("float64", "float32"), **given)
     assert result["violations"] == dict.fromkeys(OF_CONTROLLER, 0)
     assert {(arm["sample_time_min"], arm["precision"]) for arm in result["arms"]} == {
-        (every, precision) for every in sample_times_min for precision in ("float64", "float32")
+        (every, precision) for every in (1.0, 3.0, 10.0, 15.0) for precision in ("float64", "float32")
     }
 
 
