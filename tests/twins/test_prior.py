@@ -30,9 +30,18 @@ def test_what_is_known_moves_what_goes_with_it():
     )
     people = Population("both", (joint,), patient=PATIENT)
     prior = prior_of(people, {"weight_kg": 75.0 * math.exp(0.1)})
-    assert prior.parameters == ("EGP_0",)
+    assert prior.parameters == ("EGP_0", "S_IT", "S_ID", "S_IE")
     assert prior.mean[0] == pytest.approx(math.log(0.016) + 0.8 * 0.1, abs=0.01)
     assert prior.sd[0] == pytest.approx(0.1 * math.sqrt(1.0 - 0.8**2), rel=0.05)
+
+
+def test_a_sensitivity_that_a_population_does_not_draw_is_found_about_its_nominal_value():
+    prior = prior_of(population("wilinska2010", patient="wilinska-2010"))
+    assert prior.parameters[-3:] == ("S_IT", "S_ID", "S_IE")
+    assert prior.mean[-3:] == pytest.approx(np.log([0.001841, 0.000505, 0.019]))
+    assert prior.sd[-3:] == pytest.approx([0.4] * 3)
+    given = prior_of(population("wilinska2010", patient="wilinska-2010"), {"S_IE": 0.02})
+    assert given.parameters == tuple(name for name in prior.parameters if name != "S_IE")
 
 
 def test_coordinates_and_values_are_inverse():
@@ -56,7 +65,7 @@ def test_a_table_of_few_people_makes_a_covariance_that_can_be_used():
         (population("boiroux2017", patient=PATIENT), {"weight_kg": -1.0}, "give a finite value above 0"),
         (
             Population("one", (Variation(parameter="EGP_0", distribution="uniform", spread_pct=1.0),), patient=PATIENT),
-            {"EGP_0": 0.016},
+            {"EGP_0": 0.016, "S_IT": 0.005, "S_ID": 0.001, "S_IE": 0.05},
             "every parameter is given",
         ),
     ],

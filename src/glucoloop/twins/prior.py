@@ -3,6 +3,10 @@
 Which parameters are found, and how they differ between people, is what the family's population says; nothing here names
 one. Mean and covariance are those of people drawn from it, so that independent, joint and tabulated parameters are
 treated alike, and a person outside the bounds of the population is unlikely but possible.
+
+A population may draw everything but what its family declares as sensitivity to insulin, as `wilinska2010` does. Nothing
+of a record or of a replay could then change how strongly insulin acts. So these constants are found too, about their
+nominal values, with the standard deviation of `_UNDRAWN_LOG_SD`.
 """
 
 from __future__ import annotations
@@ -16,6 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._lazy_jax import scipy
+from glucoloop.patients.catalogue import patient_entry
 from glucoloop.patients.population import Population
 from glucoloop.refusal import Refusal
 
@@ -24,6 +30,9 @@ Values = npt.NDArray[np.float64]
 _DRAWN: Final = 4000
 _OWN_SHARE: Final = 0.2
 """Share of the covariance of a table of people that is taken as independent, since a table has few people."""
+_UNDRAWN_LOG_SD: Final = 0.4
+"""Standard deviation of the logarithm of a sensitivity to insulin that a population does not draw; those of
+`boiroux2017` are 0.35 to 0.75."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +82,16 @@ def prior_of(population: Population, known: Mapping[str, float] | None = None) -
         known is not possible or not a parameter of the population.
     """
     known = dict(known or {})
-    names = population.parameters
+    drawn_names = population.parameters
     drawn_as = population if population.table is None else population.drawn_as("with-replacement")
-    if not names:
+    if not drawn_names:
         raise Refusal(
             f"the people of {population.name} of {population.patient} do not differ, so there is nothing to find; "
             "choose a patient with a population, such as hovorka-2004, or give a population of your own"
         )
+    entry = patient_entry(population.patient)
+    undrawn = tuple(name for name in getattr(entry, "insulin_sensitivity", ()) if name not in drawn_names)
+    names = (*drawn_names, *undrawn)
     for name, value in known.items():
         if name not in names:
             raise Refusal(
@@ -89,7 +101,7 @@ def prior_of(population: Population, known: Mapping[str, float] | None = None) -
         if not 0.0 < value < np.inf:
             raise Refusal(f"{name} is {value:g}; give a finite value above 0")
     values = np.stack(list(drawn_as.values(0, np.arange(_DRAWN)).values()))
-    for name, drawn in zip(names, values, strict=True):
+    for name, drawn in zip(drawn_names, values, strict=True):
         if not drawn.min() > 0.0:
             raise Refusal(
                 f"{name} can be {drawn.min():g} in {population.name}, and a twin is found on the scale of logarithms; "
@@ -99,6 +111,8 @@ def prior_of(population: Population, known: Mapping[str, float] | None = None) -
     mean, covariance = logarithms.mean(axis=1), np.atleast_2d(np.cov(logarithms))
     if population.table is not None:
         covariance = (1.0 - _OWN_SHARE) * covariance + _OWN_SHARE * np.diag(np.diag(covariance))
+    mean = np.append(mean, np.log([float(entry.nominal[name]) for name in undrawn]))
+    covariance = scipy.linalg.block_diag(covariance, _UNDRAWN_LOG_SD**2 * np.eye(len(undrawn)))
     is_known = np.array([name in known for name in names])
     if is_known.all():
         raise Refusal("every parameter is given, so there is nothing to find; leave one out")
