@@ -67,7 +67,8 @@ def unpacked(built, tmp_path_factory):
     """The source distribution, unpacked."""
     folder = tmp_path_factory.mktemp("unpacked")
     with tarfile.open(built.one / SDIST) as archive:
-        archive.extractall(folder, filter="data")
+        filtered = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}  # of Python 3.11.4 and newer
+        archive.extractall(folder, **filtered)
     return folder / NAMED
 
 

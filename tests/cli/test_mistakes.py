@@ -12,6 +12,7 @@ MISTAKES = {
     "run --patient nominal-22": ["is an operating point of parker-1999 and no patient; write 'parker-1999, operating"],
     "run --operating-point nominal-22": ["no option --operating-point; write --patient 'operating_point=...'"],
     "run --site interstitial": ["there is no option --site; write --sensor 'ideal, site=...'"],
+    "run --meals 40g@8h": ["there is no option --meals; did you mean --meal?"],
     "run --target 110@22h": ["there is no option --target; did you mean --target-at?"],
     "run --max-insulin 50": ["there is no option --max-insulin; write --pump 'max_insulin_mU_min=...'"],
     "run --guard-max-hour 3": ["there is no option --guard-max-hour; write --guard 'max_hour=...'"],

@@ -12,10 +12,10 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control import BasalBolus, Decision, Status, guarded
 from glucoloop.control.guard_forecast import Foresight
 from glucoloop.control.guard_settings import GUARDS, ForecastSettings, guard_of
-from glucoloop.control.protocol import Observation
 from glucoloop.patients.catalogue import DEFAULT_PATIENT, patient_entry
 from glucoloop.therapy import Profile
 from guarding import damaged, largest_hour, largest_on_board
+from observing import observing_meals
 
 BASAL, EVERY = 14.0, 5.0
 PROFILE = Profile(basal_mU_min=BASAL, setpoint_mg_dl=110.0, carb_ratio_g_U=11.0, correction_mg_dl_U=45.0)
@@ -25,18 +25,7 @@ NONSENSE = np.array([np.nan, np.inf, -np.inf, 0.0, -1.0, 0.5, 30.0, 1e5, 1e18, 1
 pytestmark = pytest.mark.long
 
 
-def seen(glucose, *, carbs=0.0, delivered=BASAL, bolus=0.0):
-    glucose, setpoint, delivered, carbs, bolus = (
-        jnp.asarray(number, float) for number in (glucose, 110.0, delivered, carbs, bolus)
-    )
-    return Observation(
-        glucose_mg_dl=glucose,
-        valid=jnp.isfinite(glucose),
-        setpoint_mg_dl=setpoint,
-        delivered_mU_min=delivered,
-        announced_carbs_g=carbs,
-        delivered_bolus_mU=bolus,
-    )
+seen = observing_meals(110.0, BASAL)
 
 
 stepped = jax.jit(lambda guard, state, observation: guard.step(state, observation))
@@ -51,7 +40,7 @@ def followed(guard, readings, carbs):
     """Rates, boluses, statuses and insulin that is owed, the pump doing as it is asked."""
     state, rate, bolus, rows = guard.init(seen(readings[0])), BASAL, 0.0, []
     for reading, eaten in zip(readings, carbs, strict=True):
-        state, decision = stepped(guard, state, seen(reading, carbs=eaten, delivered=rate, bolus=bolus))
+        state, decision = stepped(guard, state, seen(reading, carbs_g=eaten, delivered=rate, bolus_mU=bolus))
         rate, bolus = float(decision.insulin_mU_min), float(decision.bolus_mU)
         rows.append((rate, bolus, int(decision.status), float(state.foresight.owed_mU)))
     return np.array(rows).T
@@ -88,7 +77,7 @@ def test_a_dose_of_which_glucose_stays_high_passes_bit_for_bit():
     rates, boluses, statuses, owed = followed(around_basal_bolus(), [110.0, 111.0, 112.0, 150.0], [0.0, 0.0, 20.0, 0.0])
     np.testing.assert_array_equal(rates, BASAL)
     bare = BasalBolus().of_person(PROFILE)
-    _, decision = stepped(bare, bare.init(seen(112.0)), seen(112.0, carbs=20.0))
+    _, decision = stepped(bare, bare.init(seen(112.0)), seen(112.0, carbs_g=20.0))
     np.testing.assert_array_equal(boluses, [0.0, 0.0, float(decision.bolus_mU), 0.0])
     np.testing.assert_array_equal(statuses, int(Status.OK))
     np.testing.assert_array_equal(owed, 0.0)
@@ -224,5 +213,5 @@ def test_for_any_input_and_memory_doses_are_numbers_and_keep_the_caps(every):
 def shown(numbers):
     reading, carbs, asked, rate, bolus = numbers
     return dataclasses.replace(
-        seen(reading, carbs=carbs, delivered=rate, bolus=bolus), exercise_in_min=jnp.asarray(asked, float)
+        seen(reading, carbs_g=carbs, delivered=rate, bolus_mU=bolus), exercise_in_min=jnp.asarray(asked, float)
     )

@@ -11,11 +11,12 @@ import pytest
 import glucoloop as gl
 from glucoloop._pytree import pytree
 from glucoloop.control.profile_mpc import ProfileMPC, steps_ahead
-from glucoloop.control.protocol import Observation, Status, computed_settings
+from glucoloop.control.protocol import Status, computed_settings
 from glucoloop.meals import Scenario
 from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.therapy import Profile
+from observing import observing_meals
 
 PATIENT = gl.patient("hovorka-2004")
 BASAL = float(PATIENT.basal_insulin_mU_min)
@@ -41,17 +42,7 @@ def controller():
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
 
 
-def seen(glucose=120.0, *, carbs_g=0.0, delivered=BASAL, bolus_mU=0.0, valid=True):
-    numbers = (glucose, 120.0, delivered, carbs_g, bolus_mU)
-    glucose, setpoint, delivered, carbs, bolus = (jnp.asarray(number, float) for number in numbers)
-    return Observation(
-        glucose_mg_dl=glucose,
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=setpoint,
-        delivered_mU_min=delivered,
-        announced_carbs_g=carbs,
-        delivered_bolus_mU=bolus,
-    )
+seen = observing_meals(120.0, BASAL)
 
 
 def after(controller, *observations):

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.control.protocol import Observation, computed_settings
+from glucoloop.control.protocol import computed_settings
 from glucoloop.control.therapy_mpc import TherapyMPC
 from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS
 from glucoloop.snapshot import pack, unpack
 from glucoloop.therapy import Profile
+from observing import observing_meals
 
 BASAL = 14.0
 PROFILE = Profile(basal_mU_min=BASAL, setpoint_mg_dl=120.0, carb_ratio_g_U=11.0, correction_mg_dl_U=45.0)
@@ -61,18 +62,7 @@ def update(estimate, reading_mg_dl, known):
     return updated(designed(), estimate, reading_mg_dl, known)
 
 
-def seen(glucose=120.0, *, carbs_g=0.0, delivered=BASAL, bolus_mU=0.0):
-    glucose, setpoint, delivered, carbs, bolus = (
-        jnp.asarray(number, float) for number in (glucose, 120.0, delivered, carbs_g, bolus_mU)
-    )
-    return Observation(
-        glucose_mg_dl=glucose,
-        valid=jnp.isfinite(glucose),
-        setpoint_mg_dl=setpoint,
-        delivered_mU_min=delivered,
-        announced_carbs_g=carbs,
-        delivered_bolus_mU=bolus,
-    )
+seen = observing_meals(120.0, BASAL)
 
 
 def test_the_model_has_the_numbers_of_the_profile_and_nothing_else():

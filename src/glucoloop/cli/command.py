@@ -274,8 +274,9 @@ class _Parser(argparse.ArgumentParser):
             word = unknown[1].partition("=")[0]
             if not word.startswith("-"):
                 raise Refusal(f"{self.prog} takes no argument {word!r}; {see}")
-            near = difflib.get_close_matches(word, self._by_flag, n=1)
-            advice = self._other_way(word) or (f"did you mean {near[0]}?" if near else see)
+            misspelt, near = (difflib.get_close_matches(word, self._by_flag, n=1, cutoff=part) for part in (0.9, 0.6))
+            meant = "" if misspelt else self._other_way(word)
+            advice = meant or (f"did you mean {near[0]}?" if near else see)
             raise Refusal(f"there is no option {word}; {advice}")
         lacking = re.match(r"argument (\S+?)(?:/\S+)?: expected one argument", message)
         if lacking is not None:

@@ -201,14 +201,14 @@ def _address_in(text: str) -> str:
     if text.endswith(_FILE):
         try:
             text = str(json_value(read_regular(Path(text), _LARGEST_FILE))["address"])
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, FileNotFoundError):
             raise Refusal(
                 f"{text} is no file of a Dask scheduler; have it written by: dask scheduler --scheduler-file {text}"
             ) from None
     if not _ADDRESS.fullmatch(text):
         raise Refusal(
-            "what is given for Dask is no address of a scheduler; give local, or an address like tcp://10.0.0.1:8786, "
-            "without a name or a password"
+            "what is given for Dask is no address of a scheduler; give local, an address like tcp://10.0.0.1:8786 "
+            "without a name or a password, or the file of a scheduler, whose name ends in .json"
         )
     return text
 
@@ -254,8 +254,8 @@ def run_on_cluster(
     def fill() -> None:
         workers = client.nthreads()
         if lost := known - set(workers):
-            left = f"{how_many(len(workers), 'worker')} computes" if len(workers) == 1 else f"{len(workers)} compute"
-            told(f"{how_many(len(lost), 'worker was', 'workers were')} lost; {left} what is left, or others that come.")
+            left = f"{len(workers)} {'is' if len(workers) == 1 else 'are'} left, and others may come"
+            told(f"{how_many(len(lost), 'worker was', 'workers were')} lost; {left}.")
         known.clear()
         known.update(workers)
         most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(workers.values()))
