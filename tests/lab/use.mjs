@@ -23,10 +23,13 @@ async function open(hash, options = {}) {
   await page.waitForFunction(() => document.documentElement.dataset.ready);
   return { page, seen };
 }
-const drawn = async (page) => {
-  await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
-  await page.waitForTimeout(450); // the link and the controls follow a moment later
-};
+// The link and the controls follow a moment later, by timers of the page one after the other. These begin after those
+// and wait at least as long, so that they end after them on a busy computer too.
+const drawn = (page) =>
+  page.evaluate(async () => {
+    for (let frame = 0; frame < 2; frame++) await new Promise((done) => requestAnimationFrame(done));
+    for (let timer = 0; timer < 3; timer++) await new Promise((done) => setTimeout(done, 270));
+  });
 const of = (page, selector) => page.locator(selector).innerText();
 const hash = (page) => page.evaluate(() => new URLSearchParams(location.hash.slice(1)).get("meals"));
 

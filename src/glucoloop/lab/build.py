@@ -5,6 +5,9 @@
 writes both into the package. It needs clang and LLVM's linker, which users of the package do not; run it again
 when a definition that the page uses has changed. The tests compare what is there with what would be written.
 
+Designs are computed with the instructions of an older processor, whichever computes them: with others the last digits
+of a table differ, and where a number is exactly zero the length of the module as well.
+
 Functions are lowered one by one, so that all controllers share one plant: `simulation.loop.sample` taken apart. What a
 person can change on the page is an input of a function, and not part of it: the numbers of the patients, the limits of
 pump and guard, the noise, the faults, the meals, and the controllers with all that their designs compute.
@@ -15,8 +18,12 @@ from __future__ import annotations
 import importlib.metadata
 import itertools
 import json
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import jax
@@ -43,6 +50,8 @@ from glucoloop.native.targets.wasm import numbers_per_person, tool_versions, was
 from glucoloop.refusal import Refusal
 
 _GUARDED: Final = "_guarded"
+_INSTRUCTIONS: Final = {"XLA_FLAGS": "--xla_cpu_max_isa=AVX2", "OPENBLAS_CORETYPE": "Haswell"}
+"""Settings by which XLA and the linear algebra of NumPy use the instructions of 2013, on any newer processor."""
 
 
 def _functions(families: Sequence[str] = FAMILIES) -> dict[str, PageFunction]:
@@ -103,12 +112,16 @@ def _layout(functions: Mapping[str, PageFunction]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Write the package data."""
+    """Write the package data, or into a folder that is given as the argument."""
+    if any(os.environ.get(name) != value for name, value in _INSTRUCTIONS.items()):
+        command = [sys.executable, "-m", "glucoloop.lab.build", *sys.argv[1:]]
+        raise SystemExit(subprocess.run(command, env={**os.environ, **_INSTRUCTIONS}, check=False).returncode)
     functions = _functions()
     data = {"tools": _tools(), "functions": _layout(functions), **numbers()}
     text = json.dumps(data, separators=(",", ":"), allow_nan=False) + "\n"
-    MODULE.write_bytes(_module(functions))
-    DATA.write_text(text, encoding="utf-8")
+    folders = [Path(argument) for argument in sys.argv[1:]] or [MODULE.parent]
+    (folders[0] / MODULE.name).write_bytes(_module(functions))
+    (folders[0] / DATA.name).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
