@@ -107,6 +107,15 @@ def test_the_gradient_is_that_of_central_differences():
     assert gradient @ direction == pytest.approx((ahead - behind) / 2e-3, rel=0.02)
 
 
+def test_a_forecast_keeps_what_other_days_bear_out():
+    assert Kalman(individual=False).fitted(drawn_record(84, 7)).share > 0.8
+    record = drawn_record(16, 7)
+    inverted = np.repeat(np.arange(16) // 4 % 2 == 1, SAMPLES_PER_DAY)  # days on which meals lower glucose
+    mirrored = 2.0 * np.nanmean(record.reading_mg_dl) - record.reading_mg_dl
+    changing = dataclasses.replace(record, reading_mg_dl=np.where(inverted, mirrored, record.reading_mg_dl))
+    assert Kalman(individual=False).fitted(changing).share < 0.4
+
+
 @pytest.mark.long
 def test_bands_of_records_of_its_own_model_hold_what_they_say():
     counts = {}

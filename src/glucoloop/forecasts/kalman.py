@@ -17,6 +17,11 @@ the predictive likelihood of readings 30, 60, 120, 180 and 240 min ahead with a 
 number of independent forecasts is taken as eight a day. In the likelihood the doses to come are those of
 `UsualDay.future`, so that doses of automation, which follow glucose, do not tell of it.
 
+Beyond some hours a forecast is nearer to the mean of the person than these sums: of what differs from that mean it
+keeps a share from four hours on, all of it up to one hour, and on a line in between. The share is found from forecasts
+of the days of training with the coefficients of the other days, so that it is small where doses and meals as they were
+entered tell little of glucose.
+
 The prior of the eight parameters is the median of the fits to the first eight people, in the order of their files, of
 AZT1D (doi:10.17632/gk9m674wcx.1). Insulin is held near a fall by 1 U of 1000 mg/dl over the total daily dose, since
 forecasts alone find too little effect of insulin where meals are not entered.
@@ -28,6 +33,8 @@ A. C. Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
@@ -71,6 +78,14 @@ _USUAL_RISE_MG_DL_G: Final = (0.0, 1.5)
 """The same of 1 g that is usual at a time of day, whatever is entered."""
 _ROUNDING_VARIANCE: Final = 1.0 / 12.0
 """Variance of the rounding of readings to whole mg/dl [(mg/dl)²], below which no mean square is told apart."""
+_FAR_MIN: Final = (240, 480, 720, 960, 1440)
+"""Horizons from which the share is found."""
+_SHARED_MIN: Final = (60.0, 240.0)
+"""Horizons up to which a forecast differs from the mean as far as it does, and from which by the share of it."""
+_SHARE: Final = (1.0, 0.5)
+"""The share before the record: mean and standard deviation."""
+_BLOCKS: Final = 4
+"""Blocks of days, each of which is forecast with the coefficients of the others."""
 _STEP: Final = 1e-3
 """Step of the finite differences of the logarithms of parameters."""
 
@@ -201,6 +216,24 @@ def _linear_prior(daily_U: float, rule: float, spread: float) -> _LinearPrior:
     )
 
 
+class _Case(NamedTuple):
+    """Forecasts over one horizon."""
+
+    horizon: int
+    """Number of samples."""
+    typical_mg_dl: float
+    """Error by which they are weighted."""
+    origins: Places
+
+    @classmethod
+    def of(cls, training: GriddedRecord, horizon_min: float, typical_mg_dl: float) -> _Case:
+        """Forecasts of the days of training that have a reading at their horizon."""
+        readable, horizon = np.isfinite(training.reading_mg_dl), round(horizon_min / SAMPLE_MIN)
+        origins = origins_of(training, _WARM_UP)
+        origins = origins[origins + horizon < readable.size]
+        return cls(horizon, typical_mg_dl, origins[readable[origins + horizon]])
+
+
 class _Likelihood:
     """Negative logarithm of the likelihood of forecasts and of the prior, as a function of the logarithms."""
 
@@ -210,16 +243,10 @@ class _Likelihood:
         self._usual = usual_day(training)
         self._readable = np.isfinite(training.reading_mg_dl)
         self._readings = np.where(self._readable, training.reading_mg_dl, 0.0)
-        origins = origins_of(training, _WARM_UP)
-        self._cases: list[tuple[int, float, Places]] = []
-        for horizon_min, typical in zip(_HORIZONS_MIN, _TYPICAL_ERROR_MG_DL, strict=True):
-            horizon = round(horizon_min / SAMPLE_MIN)
-            inside = origins[origins + horizon < self._readable.size]
-            inside = inside[self._readable[inside + horizon]]
-            if inside.size:
-                self._cases.append((horizon, typical, inside))
+        cases = map(functools.partial(_Case.of, training), _HORIZONS_MIN, _TYPICAL_ERROR_MG_DL)
+        self.cases = [case for case in cases if case.origins.size]
 
-    def errors(self, parameters: Values) -> list[Values]:
+    def errors(self, parameters: Values, cases: Sequence[_Case]) -> list[Values]:
         """Errors of forecasts of the readings, and of each regressor as if it was read, ``(origins, systems, 13)``."""
         system = unexplained_system(parameters)
         explained = _Explained.of(parameters, self._training, self._usual, future_known=True)
@@ -228,19 +255,19 @@ class _Likelihood:
         gains = np.where(self._readable[:, None, None], steady_gains(system), 0.0)
         states = filtered(system, gains, np.concatenate([readings, known], axis=-1))
         results = []
-        for horizon, _, origins in self._cases:
+        for horizon, _, origins in cases:
             power = system.readout @ np.linalg.matrix_power(system.transition, horizon)
             of_filter = np.einsum("ks,oksc->okc", power, states[origins])
             ahead = explained.ahead(origins, horizon)
             results.append(np.concatenate([readings[origins + horizon], ahead], axis=-1) - of_filter)
         return results
 
-    def coefficients(self, errors: list[Values]) -> Values:
+    def coefficients(self, errors: Sequence[Values], cases: Sequence[_Case]) -> Values:
         """Most likely coefficients ``(12,)`` for the errors ``(origins, 13)`` of one system."""
         precision = np.diag(self._prior.sd**-2)
         weighted = self._prior.mean * self._prior.sd**-2
         count = _FORECASTS_PER_DAY * self._training.days / len(_HORIZONS_MIN)
-        for (_, typical, origins), of_horizon in zip(self._cases, errors, strict=True):
+        for (_, typical, origins), of_horizon in zip(cases, errors, strict=True):
             weight = count / (origins.size * typical**2)
             precision = precision + weight * of_horizon[:, 1:].T @ of_horizon[:, 1:]
             weighted = weighted + weight * of_horizon[:, 1:].T @ of_horizon[:, 0]
@@ -249,12 +276,12 @@ class _Likelihood:
     def value(self, logarithms: Values) -> tuple[float, Values]:
         """Value and gradient, by forward differences of all parameters at once."""
         points = logarithms + _STEP * np.vstack([np.zeros(logarithms.size), np.eye(logarithms.size)])
-        errors = self.errors(np.exp(points))
+        errors = self.errors(np.exp(points), self.cases)
         count = _FORECASTS_PER_DAY * self._training.days / len(_HORIZONS_MIN)
         values = np.empty(points.shape[0])
         for place, point in enumerate(points):
             of_system = [of_horizon[:, place] for of_horizon in errors]
-            coefficients = self.coefficients(of_system)
+            coefficients = self.coefficients(of_system, self.cases)
             squares = [np.mean((e[:, 0] - e[:, 1:] @ coefficients) ** 2) for e in of_system]
             linear = (coefficients - self._prior.mean) / self._prior.sd
             nonlinear = (point - self._log_median) / self._log_sd
@@ -262,6 +289,37 @@ class _Likelihood:
                 count * np.log(np.add(squares, _ROUNDING_VARIANCE)).sum() + linear @ linear + nonlinear @ nonlinear
             )
         return float(values[0]), (values[1:] - values[0]) / _STEP
+
+    def share(self, parameters: Values, errors: Sequence[Values]) -> float:
+        """Most likely share, by the forecasts of each block of days with the coefficients of the others.
+
+        `errors` are those of the cases.
+        """
+        far = [_Case.of(self._training, horizon_min, 1.0) for horizon_min in _FAR_MIN]
+        far_errors = [of_horizon[:, 0] for of_horizon in self.errors(parameters[None], far)]
+        days, readings = self._training.days, self._training.reading_mg_dl
+        block_of = np.repeat(np.arange(days) * _BLOCKS // days, SAMPLES_PER_DAY)
+        differing, read = [], []
+        for block in range(_BLOCKS):
+            others, other_errors = [], []
+            for case, of_horizon in zip(self.cases, errors, strict=True):
+                there = block_of[case.origins + case.horizon] != block
+                if there.any():
+                    others.append(case._replace(origins=case.origins[there]))
+                    other_errors.append(of_horizon[there])
+            coefficients = self.coefficients(other_errors, others)
+            mean_mg_dl = np.nanmean(readings[block_of != block])
+            for case, of_horizon in zip(far, far_errors, strict=True):
+                targets = case.origins + case.horizon
+                there = block_of[targets] == block
+                error = of_horizon[there, 0] - of_horizon[there, 1:] @ coefficients
+                read.append(readings[targets[there]] - mean_mg_dl)
+                differing.append(read[-1] - error)
+        x, y = np.concatenate(differing), np.concatenate(read)
+        mean, sd = _SHARE
+        variance = np.mean((y - x) ** 2) if x.size else 1.0
+        weight = _FORECASTS_PER_DAY * days / (max(x.size, 1) * max(variance, _ROUNDING_VARIANCE))
+        return float(np.clip((weight * (x @ y) + mean / sd**2) / (weight * (x @ x) + 1.0 / sd**2), 0.0, 1.0))
 
     def maximum(self) -> Values:
         """Most likely parameters ``(8,)``, within three standard deviations of the prior."""
@@ -287,6 +345,10 @@ class FittedKalman:
     coefficients: Values
     """Coefficients ``(12,)``: ``-S, R, b_0``, those of the daily waves, and ``R_u``."""
     usual: UsualDay
+    mean_mg_dl: float = 0.0
+    """Mean of the readings of training."""
+    share: float = 1.0
+    """Part of what differs from that mean that a forecast keeps over hours."""
 
     @property
     def fall_mg_dl_U(self) -> float:
@@ -321,7 +383,8 @@ class FittedKalman:
             variance[:, place] = (
                 np.einsum("i,oij,j->o", row, covariance[origins], row) + on_the_way + system.reading_variance[0]
             )
-        return GlucoseForecast(mean, variance)
+        kept = np.interp(SAMPLE_MIN * horizons, _SHARED_MIN, (1.0, self.share))
+        return GlucoseForecast(self.mean_mg_dl + kept * (mean - self.mean_mg_dl), variance)
 
 
 class Kalman(ForecastMethod, name="kalman"):
@@ -349,5 +412,11 @@ class Kalman(ForecastMethod, name="kalman"):
         prior = _linear_prior(training.total_daily_dose_U, self.insulin_rule, self.insulin_spread)
         likelihood = _Likelihood(training, prior)
         parameters = likelihood.maximum() if self.individual else np.exp(_log_prior()[0])
-        errors = [of_horizon[:, 0] for of_horizon in likelihood.errors(parameters[None])]
-        return FittedKalman(parameters, likelihood.coefficients(errors), usual_day(training))
+        errors = [of_horizon[:, 0] for of_horizon in likelihood.errors(parameters[None], likelihood.cases)]
+        return FittedKalman(
+            parameters,
+            likelihood.coefficients(errors, likelihood.cases),
+            usual_day(training),
+            float(np.nanmean(training.reading_mg_dl)),
+            likelihood.share(parameters, errors),
+        )
