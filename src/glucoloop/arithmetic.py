@@ -30,6 +30,8 @@ SETTINGS: Final[Mapping[str, bool | int | str | None]] = {
     "jax_threefry_partitionable": True,
 }
 """Settings of JAX that change results, with the values that glucoloop uses."""
+PROCESSOR: Final = "processor"
+"""Name of the kind of processor in an identity."""
 LIBRARIES: Final = ("jax", "jaxlib", "llvmlite", "numpy", "scipy")
 XLA_FLAGS: Final = "XLA_FLAGS"
 _VARIABLES: Final = (XLA_FLAGS, "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")
@@ -71,7 +73,7 @@ def identity() -> dict[str, str]:
 
     return {
         **_versions(),
-        "processor": _processor(),
+        PROCESSOR: _processor(),
         "platform": jax.default_backend(),
         **{name: " ".join(os.environ.get(name, "").split()) for name in _VARIABLES},
         **{name: _text(value) for name, value in jax.config.values.items() if name in SETTINGS},

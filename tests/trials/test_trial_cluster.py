@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,9 +12,11 @@ import time
 
 import pytest
 
+import glucoloop
+from glucoloop import arithmetic
 from glucoloop.refusal import Refusal
 from glucoloop.trials import engine
-from glucoloop.trials.computing import connected, run_here, run_on_cluster
+from glucoloop.trials.computing import ComputedShard, Workers, connected, run_here, run_on_cluster, shard_on_worker
 from glucoloop.trials.folder import trial_folder
 from glucoloop.trials.shard import compute_shard
 
@@ -74,20 +77,37 @@ def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
     assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # dask-jobqueue leaves pipes open
+@pytest.mark.long
+def test_trial_on_jobs_of_a_queue(tmp_path, make_trial):
+    local = pytest.importorskip("dask_jobqueue.local", reason="needs dask-jobqueue, which starts workers as jobs")
+    trial, place = make_trial(controller=["basal"], people=2, shard_people=1), tmp_path / "scheduler.json"
+    options = {"scheduler_file": str(place), "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+    places = {"local_directory": str(tmp_path), "log_directory": str(tmp_path)}
+    with local.LocalCluster(
+        cores=1, processes=1, memory="2GB", python=sys.executable, scheduler_options=options, **places
+    ) as cluster:
+        cluster.scale(jobs=1)
+        with connected(str(place)) as client, trial_folder(tmp_path / "out", trial) as folder:
+            run_on_cluster(folder, client, lambda people: None)
+            assert folder.missing() == []
+            assert folder.other_processors == ()
+
+
 class Refusing:
     """A cluster whose workers fail, at each try of a shard with the next error of its list."""
 
-    def __init__(self, client, errors, pretend):
-        self.client, self.errors, self.pretend = client, list(errors), pretend
+    def __init__(self, client, errors, pretend, processor=None):
+        self.client, self.errors, self.pretend, self.processor = client, list(errors), pretend, processor
         self.loop, self.nthreads = client.loop, client.nthreads
 
     def submit(self, function, *arguments, **options):
-        errors, pretend = self.errors.pop(0) if self.errors else [], self.pretend
+        errors, pretend, processor = self.errors.pop(0) if self.errors else [], self.pretend, self.processor
 
         def fails(trial, index, *arguments):
             if errors:
                 raise errors.pop(0)
-            return compute_shard(trial, index, pretend(trial))
+            return ComputedShard(compute_shard(trial, index, pretend(trial)), processor)
 
         return self.client.submit(fails, *arguments, **options)
 
@@ -122,6 +142,51 @@ def test_shard_that_always_fails_is_told_and_the_others_are_kept(tmp_path, make_
         assert f"{folder.done} of 5 shards are done and kept" in str(failed.value)
 
 
+def test_process_of_a_cluster_without_glucoloop_is_told(tmp_path, make_trial, client, pretend):
+    errors = [[RuntimeError("Error during deserialization of the task graph")] * 30] * 5
+    with (
+        trial_folder(tmp_path / "out", make_trial()) as folder,
+        pytest.raises(Refusal, match=r"failed on the cluster: .* install the same glucoloop for all of them; 0 of 5"),
+    ):
+        run_on_cluster(folder, Refusing(client, errors, pretend), lambda people: None)
+
+
+def test_another_processor_is_taken_in_portable_arithmetic_alone(monkeypatch, make_trial):
+    here = arithmetic.identity()
+    monkeypatch.setattr(arithmetic, "identity", lambda: {**here, arithmetic.PROCESSOR: "another"})
+    monkeypatch.setattr(engine, "prepare", lambda trial: None)
+    monkeypatch.setattr("glucoloop.trials.computing.compute_shard", lambda *of: {})
+    remedy = "have workers of one kind.*, or begin another folder with --arithmetic portable$"
+    with pytest.raises(Refusal, match=f"a worker has processor another, .*; {remedy}"):
+        shard_on_worker(make_trial(), 0, glucoloop.__version__, here)
+    portable = make_trial(arithmetic="portable")
+    assert shard_on_worker(portable, 0, glucoloop.__version__, here) == ComputedShard({}, "another")
+    with pytest.raises(Refusal, match=r"a worker has numpy .* and here it is 1,.*run the same command again$"):
+        shard_on_worker(portable, 0, glucoloop.__version__, {**here, "numpy": "1"})
+
+
+def test_folder_says_which_shards_are_of_another_processor(tmp_path, make_trial, client, pretend):
+    for kind, others in (("another", ("another",)), (arithmetic.identity()[arithmetic.PROCESSOR], ())):
+        with trial_folder(tmp_path / kind, make_trial(arithmetic="portable")) as folder:
+            run_on_cluster(folder, Refusing(client, [], pretend, kind), lambda people: None)
+            assert folder.other_processors == others
+        with trial_folder(tmp_path / kind, make_trial(arithmetic="portable")) as folder:
+            assert folder.done == 5
+            assert folder.other_processors == others
+        place = folder.shard(0) / "shard.json"
+        assert json.loads(place.read_text()).get("processor") == (kind if others else None)
+
+
+def test_shard_of_another_processor_in_fused_arithmetic_is_refused(tmp_path, make_trial, client, pretend):
+    with trial_folder(tmp_path / "out", make_trial()) as folder:
+        run_on_cluster(folder, Refusing(client, [], pretend, "another"), lambda people: None)
+    with (
+        pytest.raises(Refusal, match=r"computed by another processor \(another\), without portable"),
+        trial_folder(tmp_path / "out", make_trial()),
+    ):
+        pass
+
+
 def test_nobody_at_the_address(monkeypatch):
     monkeypatch.setattr("glucoloop.trials.computing._CONNECT_S", 1)
     with (
@@ -142,6 +207,70 @@ def test_a_file_that_is_no_schedulers_is_refused(tmp_path):
     with pytest.raises(Refusal, match="no address of a scheduler") as refused, connected(str(place)):
         pass
     assert "s3cret" not in str(refused.value)
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory):
+    """A certificate and its key in one file, which signs itself."""
+    if shutil.which("openssl") is None:
+        pytest.skip("needs the program openssl, which makes certificates")
+    place = tmp_path_factory.mktemp("certificate")
+    key, certificate, both = place / "key.pem", place / "certificate.pem", place / "both.pem"
+    curve = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "1", "-subj", "/CN=test")
+    command = ["openssl", "req", "-x509", *curve, "-keyout", key, "-out", certificate]
+    subprocess.run(command, check=True, capture_output=True)
+    both.write_bytes(key.read_bytes() + certificate.read_bytes())
+    return str(both)
+
+
+def configured_by(**keys):
+    """Configuration of Dask with these values of ``distributed.comm.tls``."""
+    dask = importlib.import_module("dask")
+    return dask.config.set({f"distributed.comm.tls.{name.replace('__', '.')}": value for name, value in keys.items()})
+
+
+def test_trial_on_a_cluster_with_certificates(tmp_path, make_trial, pretend, certificate):
+    distributed = importlib.import_module("distributed")
+    roles = {f"{role}__cert": certificate for role in ("scheduler", "worker", "client")}
+    with (
+        configured_by(ca_file=certificate, **roles),
+        distributed.LocalCluster(
+            processes=False,
+            n_workers=1,
+            protocol="tls://",
+            security=distributed.Security(),
+            dashboard_address="127.0.0.1:0",
+        ) as cluster,
+        connected(cluster.scheduler_address) as client,
+        trial_folder(tmp_path / "out", make_trial()) as folder,
+    ):
+        assert cluster.scheduler_address.startswith("tls://")
+        run_on_cluster(folder, Refusing(client, [], pretend), lambda people: None)
+        assert folder.done == 5
+
+
+@pytest.mark.parametrize("address", ["tls://10.0.0.1:8786", "wss://10.0.0.1:8786"])
+def test_missing_certificates_are_told_before_anything_is_designed(tmp_path, address, certificate):
+    own = "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and .*CLIENT__KEY name files"
+    with pytest.raises(Refusal, match=f"{address} asks for certificates, and Dask's configuration names none; .*{own}"):
+        Workers.of(dask=address)
+    (tmp_path / "empty.pem").touch()
+    for file in ("gone.pem", "empty.pem"):
+        place = str(tmp_path / file)
+        with (
+            configured_by(ca_file=certificate, client__cert=place),
+            pytest.raises(Refusal, match=f"cannot be read from {certificate}, {place}"),
+        ):
+            Workers.of(dask=address)
+
+
+def test_an_address_without_encryption_is_refused_where_it_is_required():
+    dask = importlib.import_module("dask")
+    with (
+        dask.config.set({"distributed.comm.require-encryption": True}),
+        pytest.raises(Refusal, match=r"requires encryption, and tcp://10\.0\.0\.1:8786 .* like tls://"),
+    ):
+        Workers.of(dask="tcp://10.0.0.1:8786")
 
 
 @pytest.mark.parametrize(

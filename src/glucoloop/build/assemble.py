@@ -246,8 +246,10 @@ class PeopleLoop:
             minute_inputs=minute_inputs,
         )
 
-    def run(self, people: AtRest, key: jax.Array, *, threads: int = 1, **brought: Any) -> CohortRun:
-        """Run the loop of people, with the arguments of `people`."""
+    def run(
+        self, people: AtRest, key: jax.Array, *, number: int | None = None, threads: int = 1, **brought: Any
+    ) -> CohortRun:
+        """Run the loop of people, or of a number of the first of them, with the arguments of `people`."""
         with one_at_a_time:
             ready = self.people(people, key, **brought)
-        return self.cohort.run(ready, threads=threads)
+        return self.cohort.run(ready, number=number, threads=threads)

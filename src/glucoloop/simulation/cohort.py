@@ -234,13 +234,16 @@ class Cohort:
         """Precision of the engine."""
         return self._engine.precision
 
-    def run(self, people: People, *, threads: int = 1) -> CohortRun:
+    def run(self, people: People, *, number: int | None = None, threads: int = 1) -> CohortRun:
         """Run the loop of some hundred to a few thousand people, so that they fit the caches.
 
-        The result does not depend on the number of threads of native code.
+        The result, of so many of the first people as in `follow`, does not depend on the number of threads of native
+        code.
         """
         pieces: list[tuple[Array, ...]] = []
-        accumulator, end, lowest = self.follow(people, lambda *piece: pieces.append(piece), threads=threads)
+        accumulator, end, lowest = self.follow(
+            people, lambda *piece: pieces.append(piece), number=number, threads=threads
+        )
         outputs = pieces[0] if len(pieces) == 1 else [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
         glucose, delivered, *decisions = outputs
         reading, status, reported = decisions or (None, None, None)

@@ -2,7 +2,9 @@
 
 On a cluster a shard is a task, and its files come back as bytes. Workers need the same version of glucoloop, but no
 shared disk with this process, which alone writes to the folder. A task of a worker that dies is given to another one.
-The results of a person do not depend on the machine.
+The results of a person do not depend on the machine: a worker of another kind of processor is refused, unless the trial
+asks for portable arithmetic. Then its loops are rounded alike, and the shard says which processor computed it, for
+people and designs, which JAX and SciPy compute, may have other last digits.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, Self
 
 import glucoloop
 from glucoloop import arithmetic
@@ -28,7 +30,7 @@ from glucoloop.schema.values import json_value
 from glucoloop.text import how_many, one_line
 from glucoloop.trials.folder import TrialFolder
 from glucoloop.trials.shard import Simulate, compute_shard
-from glucoloop.trials.trial import Trial
+from glucoloop.trials.trial import PORTABLE, Trial
 from glucoloop.user_file import read_regular
 
 if TYPE_CHECKING:
@@ -48,8 +50,16 @@ _MAX_LABELS: Final = 5
 _designing = threading.Lock()
 _ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]*://[^\s/@?#]+(/[\w./-]*)?")
 """Address of a scheduler of Dask, which holds nothing that is secret."""
+_ENCRYPTED: Final = ("tls", "wss")
+"""Protocols of addresses for which this process needs certificates."""
+_CERTIFICATES: Final = tuple(
+    f"DASK_DISTRIBUTED__COMM__TLS__{name}" for name in ("CA_FILE", "CLIENT__CERT", "CLIENT__KEY")
+)
+"""Variables that name the files of the certificates to Dask."""
 _FILE: Final = ".json"
 """End of the name of a file of a scheduler."""
+_UNREADABLE: Final = re.compile("deserialization|No module named 'glucoloop")
+"""Words of Dask where a process of a cluster lacks the library of what it was sent."""
 _LARGEST_FILE: Final = 1 << 20
 
 
@@ -70,7 +80,7 @@ class Workers:
         if dask not in (None, _LOCAL) and workers is not None:
             raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
         if dask is not None:
-            library()
+            _refuse_without_certificates(library(), dask)
         return cls(workers, dask)
 
     def cluster(self) -> contextlib.AbstractContextManager[Any]:
@@ -131,8 +141,16 @@ def run_here(folder: TrialFolder, simulate: Simulate) -> None:
             writing.result()
 
 
-def _shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
-    """The files of a shard, computed by a worker.
+class ComputedShard(NamedTuple):
+    """A shard as a worker sends it."""
+
+    files: dict[str, bytes]
+    processor: str
+    """Kind of processor that computed it."""
+
+
+def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> ComputedShard:
+    """A shard, computed by a worker.
 
     `version` and `identity` are those of glucoloop and of the arithmetic in the process that owns the folder; a
     ValueError tells that the worker has others, and would compute other bits.
@@ -144,20 +162,26 @@ def _shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[s
             f"a worker has glucoloop {glucoloop.__version__}, and this is {version}; "
             "install the same on all workers and run the same command again"
         )
-    other = arithmetic.difference(identity, arithmetic.identity())
+    own = arithmetic.identity()
+    processor = own[arithmetic.PROCESSOR]
+    if trial.arithmetic == PORTABLE:
+        own = {**own, arithmetic.PROCESSOR: identity[arithmetic.PROCESSOR]}
+    other = arithmetic.difference(identity, own)
     if other is not None:
         name, ours, theirs = other
+        begin_again = ", or begin another folder with --arithmetic portable" if name == arithmetic.PROCESSOR else ""
         raise Refusal(
-            f"a worker has {name} {theirs}, and here it is {ours}, which does not give the same bits; "
-            "have workers of one kind, with the same libraries and settings, and run the same command again"
+            f"a worker has {name} {theirs}, and here it is {ours}, which does not give the same bits; have workers of "
+            f"one kind, with the same libraries and settings, and run the same command again{begin_again}"
         )
     with _designing:  # kept by the process, and made once even where it has several threads
         prepared = engine.prepare(trial)
-    return compute_shard(
+    files = compute_shard(
         trial,
         index,
         lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=1),
     )
+    return ComputedShard(files, processor)
 
 
 @contextlib.contextmanager
@@ -166,7 +190,8 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
 
     The address is like ``tcp://10.0.0.1:8786``, or the file, ending in .json, that the scheduler wrote of itself, or
     ``"local"`` to start `workers` processes on this machine, one for each core by default. A ValueError tells that Dask
-    is not installed, or that no scheduler answers.
+    is not installed, that there are no certificates for an address like ``tls://10.0.0.1:8786``, or that no scheduler
+    answers.
     """
     distributed = library()
     options: dict[str, Any]
@@ -177,6 +202,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
         raise Refusal("the number of workers is the cluster's own; leave it out")
     else:
         options = {"address": _address_in(address)}
+        _refuse_without_certificates(distributed, options["address"])
     logger = logging.getLogger("distributed.client")
     with contextlib.ExitStack() as stack:
         stack.callback(logger.setLevel, logger.level)
@@ -188,7 +214,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
         except (OSError, ValueError) as error:
             raise Refusal(
                 f"no Dask scheduler answers at {address} ({one_line(error)}); "
-                "start one, or give its address like tcp://10.0.0.1:8786"
+                "start one, or give its address like tcp://10.0.0.1:8786, or tls:// if it has certificates"
             ) from None
         yield client
 
@@ -211,6 +237,33 @@ def _address_in(text: str) -> str:
             "without a name or a password, or the file of a scheduler, whose name ends in .json"
         )
     return text
+
+
+def _refuse_without_certificates(distributed: Any, address: str) -> None:
+    """Refuse an encrypted address for which Dask's configuration has no certificates, or some that cannot be read.
+
+    Dask itself would raise a TypeError, after the controllers are designed.
+    """
+    security = distributed.Security()
+    if address.partition("://")[0] not in _ENCRYPTED:
+        if security.require_encryption and address != _LOCAL:
+            raise Refusal(
+                f"Dask's configuration requires encryption, and {address} is an address without it; "
+                "give that of a scheduler with certificates, like tls://10.0.0.1:8786"
+            )
+        return
+    names = f"{', '.join(_CERTIFICATES[:-1])} and {_CERTIFICATES[-1]}"
+    remedy = f"have the variables {names} name files in the form PEM"
+    try:
+        context = security.get_connection_args("client")["ssl_context"]
+    except OSError as error:  # that of a file without a certificate is one too
+        parts = (security.get_tls_config_for_role("client").get(name) for name in ("ca_file", "cert", "key"))
+        files = dict.fromkeys(part for part in parts if part and "\n" not in part)  # others are no names, but keys
+        raise Refusal(
+            f"the certificates for {address} cannot be read from {', '.join(files)} ({one_line(error)}); {remedy}"
+        ) from None
+    if context is None:
+        raise Refusal(f"{address} asks for certificates, and Dask's configuration names none; {remedy}")
 
 
 def library() -> Any:
@@ -260,7 +313,7 @@ def run_on_cluster(
         known.update(workers)
         most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(workers.values()))
         for index in itertools.islice(waiting, max(0, most - len(running))):
-            work = _shard_on_worker, trial, index, glucoloop.__version__, identity
+            work = shard_on_worker, trial, index, glucoloop.__version__, identity
             future = client.submit(*work, pure=False, retries=_RETRIES)
             running[future] = index
             completed.add(future)
@@ -270,11 +323,17 @@ def run_on_cluster(
         index = running.pop(future)
         error = future.exception()
         if error is not None:
+            why = one_line(error)
+            if _UNREADABLE.search(why):
+                why = (
+                    "the scheduler or a worker cannot read what it was sent; install the same glucoloop for all of them"
+                )
             raise Refusal(
-                f"shard {index} failed on the cluster: {one_line(error)}; "
+                f"shard {index} failed on the cluster: {why}; "
                 f"{folder.done} of {trial.shards} shards are done and kept, run the same command again to go on"
             )
-        folder.put(index, future.result())
+        computed: ComputedShard = future.result()
+        folder.put(index, computed.files, computed.processor)
         progress(trial.shard(index).size * len(trial.cases))
         future.release()
         fill()

@@ -28,9 +28,9 @@ from glucoloop.simulation import Trace
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.person_loop import Accumulator
-from glucoloop.trials.people import PeopleRows, block_size, in_blocks
+from glucoloop.trials.people import PeopleRows, block_size, few_in_a_block, in_blocks
 from glucoloop.trials.statistics import bin_numbers, glucose_edges, insulin_edges
-from glucoloop.trials.trial import MIN_BLOCK, Trial, fingerprint, profile_columns
+from glucoloop.trials.trial import Trial, fingerprint, profile_columns
 
 Array = npt.NDArray[Any]
 
@@ -179,7 +179,7 @@ def run_people(
         raise Refusal("nobody was asked for; give the number of at least one person")
     of_case, trial, grid = prepared.cases[label], prepared.trial, prepared.trial.grid
     counts, drawn_together = _Counts(trial), block_size(of_case.loop.engine)
-    few = max(MIN_BLOCK, 1 << (number.size - 1).bit_length())
+    few = few_in_a_block(number.size)
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         with one_at_a_time:

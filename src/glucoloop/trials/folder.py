@@ -11,9 +11,9 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import polars as pl
 
@@ -26,7 +26,7 @@ from glucoloop.storage.files import json_text, stored_json
 from glucoloop.storage.resumable import Origin, ResumableFolder, Work, opened
 from glucoloop.trials.people import Shard
 from glucoloop.trials.shard import FILES, bounds, read_people
-from glucoloop.trials.trial import FORMAT, Trial, fingerprint
+from glucoloop.trials.trial import FORMAT, PORTABLE, Trial, fingerprint
 
 RECORD: Final = "trial.json"
 SHARDS: Final = "shards"
@@ -97,6 +97,8 @@ class _ShardRecord:
     people: int
     rows: dict[str, int]
     """Number of rows of each of its tables."""
+    processor: str | None = None
+    """Processor that computed the shard, if it is of another kind than that of the folder."""
 
 
 class TrialFolder(ResumableFolder):
@@ -115,6 +117,8 @@ class TrialFolder(ResumableFolder):
         )
         self._sums: dict[int, dict[str, str]] = {}
         """Digests of the files of each shard that is done."""
+        self._others: dict[int, str] = {}
+        """Processors of the shards that another kind computed."""
 
     @property
     def done(self) -> int:
@@ -125,6 +129,11 @@ class TrialFolder(ResumableFolder):
         """Numbers of the shards that are not done."""
         return [index for index in range(self.trial.shards) if index not in self._sums]
 
+    @property
+    def other_processors(self) -> tuple[str, ...]:
+        """Kinds of processors of finished shards other than that of the folder, in portable arithmetic."""
+        return tuple(sorted(set(self._others.values())))
+
     def people_done(self) -> int:
         """Number of people in the finished shards."""
         return sum(self.trial.shard(index).size for index in self._sums)
@@ -133,8 +142,12 @@ class TrialFolder(ResumableFolder):
         """Path of a shard."""
         return _shard_path(self.path, index)
 
-    def put(self, index: int, files: Mapping[str, bytes]) -> None:
-        """Put a shard in its place; ValueError if these are not its files, or they cannot be written."""
+    def put(self, index: int, files: Mapping[str, bytes], processor: str | None = None) -> None:
+        """Put a shard in its place, computed by a `processor`, that of the folder by default.
+
+        A ValueError tells that these are not its files, or that they cannot be written.
+        """
+        own = self.recorded.arithmetic[arithmetic.PROCESSOR]
         expected, rows = bounds(self.trial, index), {}
         if files.keys() != expected.keys():
             raise Refusal(f"shard {index} has the files {', '.join(files)}, and not {', '.join(expected)}")
@@ -146,8 +159,12 @@ class TrialFolder(ResumableFolder):
         person = self.trial.shard(index)
         place = self.origin.of_shard(index)
         record = _ShardRecord(**place, first_person=int(person[0]), people=int(person.size), rows=rows)
+        if processor not in (None, own):
+            record = replace(record, processor=processor)
+            self._others[index] = processor
+        written = {name: value for name, value in vars(record).items() if value is not None}
         with self.unwritten(f"shard {index}"):
-            disk.put_folder(self.shard(index), {**files, SHARD: f"{json_text(vars(record))}\n".encode()})
+            disk.put_folder(self.shard(index), {**files, SHARD: f"{json_text(written)}\n".encode()})
         self._sums[index] = disk.read_sums(self.shard(index))
 
     def people(self) -> Iterator[Shard]:
@@ -167,7 +184,9 @@ class TrialFolder(ResumableFolder):
             raise Refusal(
                 f"{self.path / RECORD} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
             )
-        self._sums = _whole_shards(self.path, earlier)
+        whole = _whole_shards(self.path, earlier)
+        self._sums = {index: shard.sums for index, shard in whole.items()}
+        self._others = {index: shard.processor for index, shard in whole.items() if shard.processor is not None}
 
     def _part_digests(self) -> dict[str, str]:
         return {
@@ -216,14 +235,23 @@ def _shard_path(folder: Path, index: int) -> Path:
     return folder / SHARDS / f"{index:05d}"
 
 
-def _whole_shards(folder: Path, origin: TrialOrigin) -> dict[int, dict[str, str]]:
-    """Digests of the files of each finished shard, in order; ValueError if one is damaged, or of another trial."""
+class _WholeShard(NamedTuple):
+    """A finished shard."""
+
+    sums: dict[str, str]
+    """Digest of each file."""
+    processor: str | None
+    """Processor that computed it, if it is of another kind than that of the folder."""
+
+
+def _whole_shards(folder: Path, origin: TrialOrigin) -> dict[int, _WholeShard]:
+    """Each finished shard, in order; ValueError if one is damaged, or of another trial."""
     _refuse_foreign(folder, origin.shards)
     indices = (int(name) for name in disk.names(folder / SHARDS) if not disk.is_part(name))
     return {index: _whole_shard(folder, origin, index) for index in sorted(indices)}
 
 
-def _whole_shard(folder: Path, origin: TrialOrigin, index: int) -> dict[str, str]:
+def _whole_shard(folder: Path, origin: TrialOrigin, index: int) -> _WholeShard:
     place = _shard_path(folder, index)
     shard, mend = f"shard {place.name} of {folder}", f"delete {place} and run the same command again"
     try:
@@ -241,9 +269,13 @@ def _whole_shard(folder: Path, origin: TrialOrigin, index: int) -> dict[str, str
                 f"{shard} belongs to something else: its {name} is {getattr(record, name)}, and that of its place is "
                 f"{value}; {mend}"
             )
+    if record.processor is not None and origin.config.get("arithmetic") != PORTABLE:
+        raise Refusal(
+            f"{shard} was computed by another processor ({record.processor}), without portable arithmetic; {mend}"
+        )
     if {SHARD, *record.rows} != digests.keys():
         raise Refusal(f"{shard} is damaged: {SHARD} does not list its files; {mend}")
-    return sums
+    return _WholeShard(sums, record.processor)
 
 
 def _refuse_foreign(folder: Path, shards: float = math.inf) -> None:

@@ -15,6 +15,8 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.trials.trial import MIN_BLOCK
+
 Floats = npt.NDArray[np.float64]
 
 
@@ -66,6 +68,14 @@ Of trials that are long or slow it is less, see `trials.trial.Trial.people_a_blo
 def block_size(engine: str) -> int:
     """Number of people who are simulated together."""
     return _SIZES[engine]
+
+
+def few_in_a_block(people: int) -> int:
+    """Number of people in a block that so few fill, so that hardly more are simulated than who is asked for.
+
+    JAX still has as many people of `block_size` before it, for another number might have other last digits.
+    """
+    return max(MIN_BLOCK, 1 << (people - 1).bit_length())
 
 
 def in_blocks(

@@ -32,7 +32,7 @@ from glucoloop.simulation.closed_loop import default_pump, sample_grid, scenario
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.situations.situation import Situation
-from glucoloop.trials.people import block_size, in_blocks
+from glucoloop.trials.people import block_size, few_in_a_block, in_blocks
 
 Array = npt.NDArray[Any]
 
@@ -161,18 +161,18 @@ def simulate_people(
 
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
-        some = people.at(place)
+        some = people.at(np.resize(place, drawn_together))
         announced: dict[str, Any] = dict.fromkeys(("announced_g", "announced_min"))
         if announced_otherwise:
             announced = {
                 name: np.repeat(values[:, None], place.size, axis=1)
                 for name, values in zip(announced, (announced_carbs_g, announced_at_min), strict=True)
             }
-        people_minute_inputs = minute_inputs_by(some.draw.person)
-        return loop.run(some, keys_of_people(seed, some.draw.person), minute_inputs=people_minute_inputs, **announced)
+        keys, minute_inputs = keys_of_people(seed, some.draw.person), minute_inputs_by(some.draw.person[: place.size])
+        return loop.run(some, keys, number=place.size, minute_inputs=minute_inputs, **announced)
 
-    runs = in_blocks(run, np.arange(people.feasible.size), block_size(loop.engine), threads)
-    number = people.feasible.size
+    number, drawn_together = people.feasible.size, block_size(loop.engine)
+    runs = in_blocks(run, np.arange(number), min(drawn_together, few_in_a_block(number)), threads)
 
     def joined(parts: list[Array]) -> Array:
         return np.concatenate(parts, axis=-1)[..., :number]

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 _TITRATED: Final = ("carb_ratio_g_U", "correction_mg_dl_U")
 """Fields of a profile that a titration gives."""
+PORTABLE: Final = "portable"
+"""Arithmetic of a loop that every kind of processor rounds alike."""
 FORMAT: Final = 5
 """Version of the file format of a trial; a folder with another one is not resumed."""
 _SHARD_PATIENT_DAYS: Final = 16_384
@@ -233,7 +235,7 @@ class Trial(FedSituation):
         """Rounding of products in native code, see `glucoloop.native.targets`."""
         from glucoloop.native.targets import FUSED, STRICT
 
-        return STRICT if self.arithmetic == "portable" else FUSED
+        return STRICT if self.arithmetic == PORTABLE else FUSED
 
     @property
     def grid(self) -> SampleGrid:

@@ -28,6 +28,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -457,18 +458,30 @@ class ExtendedPatient:
         return jax.lax.scan(sample, linear.state, jax.tree.map(jnp.asarray, inputs))[1]
 
     def ahead(
-        self, person: Any, p: jax.Array, return_mg_min: Any, mean_mg_dl: Any, states: jax.Array, inputs: SampleInputs
+        self,
+        person: Any,
+        p: jax.Array,
+        return_mg_min: Any,
+        mean_mg_dl: Any,
+        states: jax.Array,
+        entries: Any,
+        inputs_of: Callable[[Any], SampleInputs] = lambda entry: entry,
     ) -> jax.Array:
-        """Glucose ``(samples, origins)`` after each sample from extended states ``(states, origins)`` on."""
+        """Glucose ``(samples, origins)`` after each sample from extended states ``(states, origins)`` on.
+
+        An entry, of which there is one for each sample on the first axis, is the inputs of the sample, or what
+        `inputs_of` makes them of.
+        """
         noises = self.noises(p)
 
-        def sample(state: jax.Array, entry: SampleInputs) -> tuple[jax.Array, jax.Array]:
+        def sample(state: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
+            inputs = inputs_of(entry)
             returning = return_mg_min * (mean_mg_dl - self.glucose_mg_dl(person, state))
-            entry = entry._replace(appearance_mg_min=entry.appearance_mg_min + returning)
-            state = self.step(person, noises, state, *entry)
+            inputs = inputs._replace(appearance_mg_min=inputs.appearance_mg_min + returning)
+            state = self.step(person, noises, state, *inputs)
             return state, self.glucose_mg_dl(person, state)
 
-        return jax.lax.scan(sample, states, inputs)[1]
+        return jax.lax.scan(sample, states, entries)[1]
 
 
 @functools.lru_cache(maxsize=8)

@@ -211,14 +211,20 @@ def _program(fixed: ProgramKey) -> Any:
         linear = patient.linearised(person, p, days.working_mg_dl)
         moments = patient.moments(person, days)
         states = patient.filtered(person, p, linear, days, moments)
-        at = jnp.minimum(origins + jnp.arange(1, _HORIZONS[-1] + 1)[:, None], len(days.reading_mg_dl) - 1)
-        inputs = SampleInputs(
-            insulin_mU_min=future_mU_min[at],
-            moments=jnp.moveaxis(moments[at, ..., 0], 1, -1),
-            appearance_mg_min=(days.waves @ linear.level_mg_min)[at],
-            clock_min=SAMPLE_MIN * (at % SAMPLES_PER_DAY),
-        )
-        glucose = patient.ahead(person, p, linear.return_mg_min, days.mean_mg_dl, states[origins].T, inputs)
+        appearance_mg_min = days.waves @ linear.level_mg_min
+
+        def inputs_of(later: jax.Array) -> SampleInputs:
+            # taken sample by sample: all at once, with their changes, they would be the most of the memory of a fit
+            at = jnp.minimum(origins + later, len(days.reading_mg_dl) - 1)
+            return SampleInputs(
+                insulin_mU_min=future_mU_min[at],
+                moments=jnp.moveaxis(moments[at, ..., 0], 0, -1),
+                appearance_mg_min=appearance_mg_min[at],
+                clock_min=SAMPLE_MIN * (at % SAMPLES_PER_DAY),
+            )
+
+        back, later = (linear.return_mg_min, days.mean_mg_dl), jnp.arange(1, _HORIZONS[-1] + 1)
+        glucose = patient.ahead(person, p, *back, states[origins].T, later, inputs_of)
         return glucose[_HORIZONS - 1], jnp.log(linear.fall_mg_dl_U)
 
     @jax.jit

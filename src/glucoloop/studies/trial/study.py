@@ -130,7 +130,9 @@ def results_of(config: TrialRequest, folder: TrialFolder) -> Results:
         conclusions=list(sentences(config, Results(numbers, {}))),
     )
     return Results(
-        {**plain, "notes": list(_notes(config, plain))}, {BANDS: pl.concat(_band_tables(config, bands))}, report
+        {**plain, "notes": [*_notes(config, plain), *_of_processors(folder)]},
+        {BANDS: pl.concat(_band_tables(config, bands))},
+        report,
     )
 
 
@@ -290,6 +292,16 @@ def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:
             )
             yield MetricRow("", f"People ever below {limit} mg/dl", "", list(shares), statistic="number")
     yield MetricRow("", "Engine", "", [controller["engine"] for controller in controllers])
+
+
+def _of_processors(folder: TrialFolder) -> Iterator[str]:
+    """Note on people whom other kinds of processors computed."""
+    if others := folder.other_processors:
+        kinds = "another kind of processor" if len(others) == 1 else f"{len(others)} other kinds of processors"
+        yield (
+            f"Some people were computed by {kinds} ({', '.join(others)}): portable arithmetic rounds the loops alike, "
+            "and what JAX and SciPy compute before and after them may differ in the last digits."
+        )
 
 
 def _notes(trial: Trial, summary: Mapping[str, Any]) -> Iterator[str]:
