@@ -48,7 +48,13 @@ def test_interrupted_or_not_and_from_its_file_a_league_is_the_same_to_the_bit(gl
     again = glucoloop("league", *SMALL, "--out", "b")
     assert again.code == 0
     assert "2 of 3 shards of b are there already; going on." in again.err
-    assert glucoloop("league", "--config", "a/league.toml", "--out", "c").code == 0
+    given_up = []
+    with monkeypatch.context() as patch:  # after each loop the programs are given up
+        patch.setattr(study, "_KEPT_LOOPS", 1)
+        give_up = study._give_up_programs
+        patch.setattr(study, "_give_up_programs", lambda: given_up.append(give_up()))
+        assert glucoloop("league", "--config", "a/league.toml", "--out", "c").code == 0
+    assert len(given_up) == 2
     sums = [(tmp_path / name / "SHA256SUMS").read_text() for name in "abc"]
     assert sums[0] == sums[1] == sums[2]
 

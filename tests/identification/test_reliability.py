@@ -1,10 +1,13 @@
 """What a record says about a gain: right for white noise, honest for disturbances that last for hours."""
 
+import dataclasses
 import re
 
 import numpy as np
 import pytest
 
+import glucoloop as gl
+from glucoloop.identification import identify_record, random_binary_sequence
 from glucoloop.identification.gain_interval import gain_interval
 from glucoloop.identification.reliability import Reliability, doubts, reliability
 
@@ -112,6 +115,25 @@ def test_each_doubt_is_told(gain, interval, explained, sentence):
     quality = Reliability(gain_from=interval[0], gain_to=interval[1], explained_percent=explained)
     (told,) = doubts(gain, quality, **PERSON)
     assert re.search(sentence, told)
+
+
+def test_insulin_that_moves_glucose_far_is_a_doubt():
+    sound = Reliability(gain_from=-2.5, gain_to=-1.5, explained_percent=50.0, moved_percent=19.0)
+    assert doubts(-2.0, sound, **PERSON) == ()
+    (told,) = doubts(-2.0, dataclasses.replace(sound, moved_percent=38.0), **PERSON)
+    assert "moved glucose by up to 38 % of 81.1 mg/dl" in told
+
+
+@pytest.mark.parametrize(("steps_percent", "doubtful"), [(20.0, False), (50.0, True)])
+def test_steps_of_insulin_that_a_person_answers_out_of_proportion_are_refused(steps_percent, doubtful):
+    """Below 81 mg/dl the brain takes less in Hovorka's model, above 162 the kidneys excrete."""
+    patient = gl.patient("hovorka-2004")
+    basal = float(patient.basal_insulin_mU_min)
+    insulin = basal + np.asarray(random_binary_sequence(576, 0.01 * steps_percent * basal, 1, hold_samples=6))
+    identification = identify_record(
+        gl.excite(patient, insulin, gl.white_noise(1.45), 1), "least-squares", basal_insulin_mU_min=basal
+    )
+    assert any("moved glucose" in doubt for doubt in identification.doubts()) == doubtful
 
 
 def test_a_model_of_which_nothing_is_known_is_judged_by_its_gain():

@@ -218,7 +218,10 @@ def identify_record(
     columns = np.concatenate([sought, meals, constant], axis=1)
 
     left_by_estimate, _ = _left(readings - past @ estimate, other_inputs)
-    left_by_model, of_other_inputs = _left(readings - model.predict(insulin)[first:], other_inputs)
+    moved = model.predict(insulin)[first:]
+    left_by_model, of_other_inputs = _left(readings - moved, other_inputs)
+    baseline = float(offset + of_other_inputs[meals.shape[1] :].sum())
+    moved_percent = None if meals.shape[1] or not baseline > 0.0 else 100.0 * float(jnp.abs(moved).max()) / baseline
     return Identification(
         model=model,
         impulse_response=estimate,
@@ -226,12 +229,12 @@ def identify_record(
         laguerre_coefficients=jnp.zeros(0) if coefficients is None else coefficients,
         laguerre_pole=pole,
         basal_insulin_mU_min=basal,
-        baseline_glucose_mg_dl=float(offset + of_other_inputs[meals.shape[1] :].sum()),
+        baseline_glucose_mg_dl=baseline,
         smoothing_residual_norm=float(jnp.linalg.norm(estimate - smoothed)),
         estimate_rms_mg_dl=_rms(left_by_estimate),
         model_rms_mg_dl=_rms(left_by_model),
         meal_impulse_response=meal_impulse_response(of_other_inputs[: meals.shape[1]], record.sample_time_min),
-        reliability=reliability(columns, np.asarray(readings), interval),
+        reliability=reliability(columns, np.asarray(readings), interval, moved_percent),
         method=method,
     )
 

@@ -5,6 +5,9 @@ readings are divided into contiguous blocks, and the response is fitted again wi
 single readings, are left out because what a model leaves of glucose is correlated over hours (meals that nobody wrote
 down, exercise, drift).
 
+A gain is that of small changes. Where insulin moved glucose far, a person responds otherwise than a linear model, and
+the interval is too narrow: so the change that the model gives the insulin of the record is told beside it.
+
 A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, Sec. 2.4.3.
 """
 
@@ -21,6 +24,8 @@ from glucoloop.identification.gain_interval import CONFIDENCE
 Floats = npt.NDArray[np.float64]
 
 BLOCKS: Final = 10
+MOST_MOVED_PERCENT: Final = 20.0
+"""Change of glucose up to which the interval of the gain holds the person's gain as often as it says."""
 _NEGLIGIBLE: Final = 1e-9
 """Share of the largest singular value below which others are left out of a fit: without a block, a column may be empty.
 """
@@ -35,6 +40,9 @@ class Reliability:
     """Ends of the 95 % interval of the person's gain [mg/dl per mU/min]."""
     explained_percent: float
     """Part of the variance of left-out readings that the fit predicts: 100 is perfect, 0 as good as a mean."""
+    moved_percent: float | None = None
+    """Largest change of glucose by the insulin of the record, by the model and of the glucose at the operating point;
+    None for a record with meals, or where it is not known."""
 
 
 def doubts(
@@ -44,7 +52,7 @@ def doubts(
 
     The confidence interval of the person's gain reaches neither 0 nor twice the model's gain, so that a loop designed
     with the customary gain margin of 2 is stable on the person as well. A gain is too large if a tenth of the basal
-    rate more would take all glucose away.
+    rate more would take all glucose away, and not that of small changes if insulin moved glucose far.
 
     Parameters
     ----------
@@ -71,6 +79,13 @@ def doubts(
             f"{sentence}: a tenth of the basal rate of {basal_insulin_mU_min:.3g} mU/min more would lower glucose from "
             f"{glucose_mg_dl:.3g} mg/dl to below 0."
         )
+    moved = None if reliability is None else reliability.moved_percent
+    if moved is not None and not moved <= MOST_MOVED_PERCENT:
+        result.append(
+            f"By the model the insulin of the record moved glucose by up to {moved:.0f} % of "
+            f"{glucose_mg_dl:.3g} mg/dl. Beyond {MOST_MOVED_PERCENT:g} % people do not respond in proportion, so that "
+            "the gain is not that of small changes. Insulin that changes less would tell it."
+        )
     if reliability is not None and not reliability.explained_percent > 0.0:
         result.append(
             "Readings that were left out of the fit are predicted no better than by the mean of the others "
@@ -79,14 +94,17 @@ def doubts(
     return tuple(result)
 
 
-def reliability(columns: Floats, readings: Floats, interval: tuple[float, float]) -> Reliability:
-    """Quality of a model by its regression and the interval of the person's gain."""
+def reliability(
+    columns: Floats, readings: Floats, interval: tuple[float, float], moved_percent: float | None = None
+) -> Reliability:
+    """Quality of a model by its regression, the interval of the person's gain, and how far insulin moved glucose."""
     variation = float(held_out_errors(np.ones((readings.size, 1)), readings).sum())
     misfit = float(held_out_errors(columns, readings).sum())
     return Reliability(
         gain_from=interval[0],
         gain_to=interval[1],
         explained_percent=100.0 * (1.0 - misfit / variation) if np.ptp(readings) else 0.0,
+        moved_percent=moved_percent,
     )
 
 

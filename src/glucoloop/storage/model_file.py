@@ -60,6 +60,8 @@ class Quality:
     """Ends of the 95 % confidence interval of the person's gain, mg/dl per mU/min."""
     explained_percent: Annotated[float, ValueBounds(at_most=100.0)]
     """Share of the variance of readings left out of the fit that is predicted."""
+    moved_percent: Annotated[float, ValueBounds(at_least=0.0)] | None = None
+    """Largest change of glucose by the insulin of the record; None for a record with meals."""
 
 
 @dataclass(frozen=True, kw_only=True)

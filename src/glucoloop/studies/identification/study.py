@@ -325,6 +325,7 @@ def _plain(identified: _Identified) -> dict[str, Any]:
             "gain_from_mg_dl_per_mU_min": identification.reliability.gain_from,
             "gain_to_mg_dl_per_mU_min": identification.reliability.gain_to,
             "explained_percent": identification.reliability.explained_percent,
+            "moved_percent": identification.reliability.moved_percent,
             "record_rms_mg_dl": identification.model_rms_mg_dl,
             "laguerre_pole": identification.laguerre_pole,
             "laguerre_coefficients": np.asarray(identification.laguerre_coefficients).tolist(),
@@ -361,6 +362,8 @@ def _properties(identified: _Identified) -> Iterator[tuple[str, str, str]]:
     yield "Laguerre functions", f"{identification.laguerre_coefficients.size}", ""
     yield "Misfit of the record, rms", f"{identification.model_rms_mg_dl:.3f}", "mg/dl"
     yield "Variance explained, cross-validated", f"{identification.reliability.explained_percent:.1f}", "%"
+    if reliability.moved_percent is not None:
+        yield "Glucose moved by insulin, at most", f"{reliability.moved_percent:.1f}", "% of that glucose"
     yield "Check: sum of |residual|", f"{float(check.sum_absolute_residual_mg_dl):.2f}", "mg/dl"
     yield "Check: worst residual", f"{float(check.worst_residual_mg_dl):.2f}", "mg/dl"
     yield "Check: fit", f"{float(check.fit_percent):.1f}", "%"
