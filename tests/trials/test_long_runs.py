@@ -8,6 +8,7 @@ import pytest
 from glucoloop.simulation import cohort
 from glucoloop.situations.situation import configured
 from glucoloop.trials import engine
+from glucoloop.trials import people as people_in_blocks
 from glucoloop.trials import trial as trials
 from glucoloop.trials.engine import prepare, run_people
 from glucoloop.trials.statistics import bin_numbers, glucose_edges, insulin_edges, times_pct
@@ -66,7 +67,7 @@ def test_a_run_in_pieces_is_the_run_to_the_bit(monkeypatch, trial, whole, sample
 
 @pytest.mark.long
 def test_a_person_is_the_same_in_a_block_of_any_number(monkeypatch, trial, whole):
-    monkeypatch.setattr(engine, "MIN_BLOCK", 1024)
+    monkeypatch.setattr(people_in_blocks, "MIN_BLOCK", 1024)
     same(run_people(prepare(trial), "basal-bolus", trial.shard(0), traces=True), whole)
 
 
