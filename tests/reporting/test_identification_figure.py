@@ -1,5 +1,7 @@
 """The identified model's figures show what the records hold."""
 
+import itertools
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -53,6 +55,20 @@ def test_the_response_is_shown_as_estimated_smoothed_and_true(identified, width)
     assert axes.get_ylabel() == "Impulse response (mg/dl per mU/min)"
     assert axes.get_xlabel() == "Time since the dose (min)"
     assert legend(figure) == ["free of noise", "estimated coefficients", "Laguerre projection"]
+
+
+@pytest.mark.parametrize(("memory", "unit"), [(36, "min"), (144, "min"), (288, "h")])
+def test_times_since_the_dose_can_be_read(memory, unit):
+    pulses = design_csrs(memory, 20.0)
+    response = StepResponseModel.from_impulse_response(-0.1 * np.exp(-np.arange(memory) / 6.0), 5.0)
+    record = Record(insulin_mU_min=25.0 + pulses, glucose_mg_dl=80.0 + response.predict(pulses), sample_time_min=5.0)
+    figure = plot_identification(identify_record(record, memory=memory))
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    assert axes.get_xlabel() == f"Time since the dose ({unit})"
+    boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
+    assert 3 < len(boxes) < 16
+    assert all(one.x1 < other.x0 for one, other in itertools.pairwise(boxes))
 
 
 def test_an_estimate_left_as_it_is_has_no_projection():

@@ -44,6 +44,11 @@ class Reliability:
     """Largest change of glucose by the insulin of the record, by the model and of the glucose at the operating point;
     None for a record with meals, or where it is not known."""
 
+    @property
+    def moved_far(self) -> bool:
+        """Whether insulin moved glucose so far that the gain is not that of small changes."""
+        return self.moved_percent is not None and not self.moved_percent <= MOST_MOVED_PERCENT
+
 
 def doubts(
     gain: float, reliability: Reliability | None, *, basal_insulin_mU_min: float, glucose_mg_dl: float
@@ -79,10 +84,9 @@ def doubts(
             f"{sentence}: a tenth of the basal rate of {basal_insulin_mU_min:.3g} mU/min more would lower glucose from "
             f"{glucose_mg_dl:.3g} mg/dl to below 0."
         )
-    moved = None if reliability is None else reliability.moved_percent
-    if moved is not None and not moved <= MOST_MOVED_PERCENT:
+    if reliability is not None and reliability.moved_far:
         result.append(
-            f"By the model the insulin of the record moved glucose by up to {moved:.0f} % of "
+            f"By the model the insulin of the record moved glucose by up to {reliability.moved_percent:.0f} % of "
             f"{glucose_mg_dl:.3g} mg/dl. Beyond {MOST_MOVED_PERCENT:g} % people do not respond in proportion, so that "
             "the gain is not that of small changes. Insulin that changes less would tell it."
         )

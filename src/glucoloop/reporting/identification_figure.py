@@ -103,10 +103,12 @@ def _draw_response(axes: Axes, identification: Identification, truth: ArrayLike 
     if identification.laguerre_coefficients.size:
         smoothed = np.asarray(identification.smoothed_impulse_response)
         curves["Laguerre projection"] = smoothed, {"color": OKABE_ITO[0], "linewidth": 1.2}
-    axes.set(xlabel="Time since the dose (min)", ylabel="Impulse response (mg/dl per mU/min)")
-    axes.set_xlim(0.0, lag_min[-1] + lag_min[0])  # room for the last marker
-    axes.xaxis.set_major_locator(_style.every(_style.time_axis(lag_min[-1], "single")[2]))
-    return {name: axes.plot(lag_min, np.asarray(values, float), **look)[0] for name, (values, look) in curves.items()}
+    divisor, unit, tick = _style.time_axis(lag_min[-1], "single")
+    lag = lag_min / divisor
+    axes.set(xlabel=f"Time since the dose ({unit})", ylabel="Impulse response (mg/dl per mU/min)")
+    axes.set_xlim(0.0, lag[-1] + lag[0])  # room for the last marker
+    axes.xaxis.set_major_locator(_style.every(tick))
+    return {name: axes.plot(lag, np.asarray(values, float), **look)[0] for name, (values, look) in curves.items()}
 
 
 def _draw_validation(

@@ -409,7 +409,9 @@ def _warning(identified: _Identified) -> tuple[str, ...]:
     if not doubts:
         return ()
     mend = "record for longer, or change insulin more, and more often, than meals and noise change glucose"
-    if identified.config.data is None:
+    if identified.identification.reliability.moved_far:
+        mend = "give a lower --amplitude" if identified.config.data is None else "record with insulin that changes less"
+    elif identified.config.data is None:
         mend = "lengthen the experiment with --samples, or give a lower --noise"
     elif any((identified.config.memory, identified.config.laguerre_pole, identified.config.laguerre_functions)):
         mend = (
