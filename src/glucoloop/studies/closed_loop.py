@@ -150,7 +150,7 @@ def _model_of_file(path: Path, situation: Situation, case: Case) -> ModelFile:
     if doubts and not situation.allow_unusual:
         raise Refusal(
             f"no controller should be designed on the model {path}. {' '.join(doubts)}",
-            "identify it again from a record in which insulin moves glucose more",
+            "identify it again, in the way that `glucoloop identify` names",
             f"{CONFIRM_OPTION} to use it all the same",
         )
     return model
