@@ -6,6 +6,8 @@ import stat
 import sys
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -265,3 +267,8 @@ def test_a_lock_has_one_version_of_each_package(lock):
 
 def test_users_get_no_tools_of_developers():
     assert not {"pytest", "mypy", "ruff", "sphinx", "hypothesis"} & {name for name, *_ in pins("requirements.lock")}
+
+
+def test_programs_of_tests_share_contexts():
+    contexts = {jax.jit(function).lower(1.0).compiler_ir().context for function in (jnp.sin, jnp.cos, jnp.tan)}
+    assert len(contexts) < 3  # two where a context has had its programs in between
