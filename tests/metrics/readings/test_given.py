@@ -1,5 +1,6 @@
 """Insulin and carbohydrate of whole days: sums by hand, what is not told, and rates beside their integral."""
 
+import itertools
 import math
 
 import numpy as np
@@ -105,6 +106,6 @@ def test_basal_insulin_is_the_integral_of_its_rate(rates, day):
         return rates[place][1] if place >= 0 else 0.0
 
     edges = [DAY * day, *(t for t in begins if DAY * day < t < DAY * (day + 1)), DAY * (day + 1)]
-    pieces = zip(edges[:-1], edges[1:], strict=True)
+    pieces = itertools.pairwise(edges)
     expected = sum(quad(rate_U_h, low, high)[0] for low, high in pieces) / 60.0
     assert basal_U == pytest.approx(expected, abs=1e-6)

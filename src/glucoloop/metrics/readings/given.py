@@ -29,7 +29,7 @@ class Amounts(NamedTuple):
     clock_min: Floats
     """``(n,)`` time on the wall, in minutes since midnight of day 0 of the readings."""
     amount: Floats
-    """``(n,)``"""
+    """``(n,)`` amounts, in the unit of their name in `Given`."""
 
     @classmethod
     def of_all(cls, parts: Iterable[Amounts]) -> Amounts:
@@ -60,7 +60,7 @@ NOTHING: Final = Amounts(np.empty(0), np.empty(0))
 
 @dataclass(frozen=True, kw_only=True)
 class Given:
-    """What a record tells beside readings."""
+    """Doses and meals that a record tells beside readings."""
 
     basal_U_h: Amounts = NOTHING
     """Rates, each from its time to the next one; NaN where none is known."""
@@ -95,7 +95,9 @@ GIVEN: Final = (
         "g",
         digits=0,
     ),
-    Result("carb_entries_day", "Mean number of entries of carbohydrate of these days.", "Entries of carbohydrate a day"),
+    Result(
+        "carb_entries_day", "Mean number of entries of carbohydrate of these days.", "Entries of carbohydrate a day"
+    ),
     Result("glucagon_ug_day", "Glucagon in a day of 24 h, as entered.", "Glucagon", "ug a day"),
 )
 """Numbers of a record that tells them."""

@@ -281,7 +281,7 @@ def _simulated_trajectories(folder: Path) -> list[_SimulatedCourse]:
 
 
 def _simulated_doses(folder: Path) -> dict[tuple[object, ...], Given]:
-    """What the person of a run had, or that of each case of a comparison."""
+    """Doses and meals of a run, or of each case of a comparison."""
     if not (folder / _TRACE).is_file():
         return {}
     table = read_parquet(folder / _TRACE, _BOUNDS)
