@@ -8,6 +8,7 @@ from pathlib import Path
 import jax
 import jaxlib
 from jax._src.interpreters import mlir
+from jax._src.lib.mlir import ir
 
 from glucoloop.private_folder import refuse_of_others
 
@@ -62,13 +63,16 @@ def share_contexts():
     """Have JAX write many programs in one MLIR context.
 
     Making a context takes 3 ms, more than the rest of lowering a small program, and 1 MB for as long as JAX keeps the
-    program. A context keeps all constants that were written in it, so a new one is made now and then.
+    program. A context keeps all constants that were written in it, so a new one is made now and then. A program that is
+    compiled while another one is written has a context of its own: in the same one it would be written into the other.
     """
     make, last = getattr(mlir, "make_ir_context", None), threading.local()
     if make is None:
         return  # another JAX, which has its own way
 
     def make_ir_context():
+        if ir.Context.current is not None:
+            return make()
         programs = getattr(last, "programs", 0)
         if programs % PROGRAMS_OF_A_CONTEXT == 0:
             last.context = make()
