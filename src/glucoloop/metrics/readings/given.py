@@ -38,13 +38,13 @@ class Amounts(NamedTuple):
         return cls(np.concatenate(times), np.concatenate(amounts))
 
     def within(self, readings: Readings) -> Amounts:
-        """Those from the first reading to the last."""
+        """Amounts from the first reading to the last."""
         first, last = readings.clock_min[[0, -1]]
         inside = (self.clock_min >= first) & (self.clock_min <= last)
         return Amounts(self.clock_min[inside], self.amount[inside])
 
     def of_day(self, day: int) -> Amounts:
-        """Those of a day on the wall, counted from day 0."""
+        """Amounts of a day on the wall, counted from day 0."""
         inside = np.floor(self.clock_min / MIN_PER_DAY) == day
         return Amounts(self.clock_min[inside], self.amount[inside])
 
@@ -135,7 +135,7 @@ def given_numbers(given: Given, readings: Readings) -> dict[str, float]:
 
 
 def known_results(numbers: Sequence[Mapping[str, float]]) -> list[Result]:
-    """Those of `GIVEN` that one of some records tells; glucagon where there is any."""
+    """Results of `GIVEN` that one of some records tells; glucagon where there is any."""
 
     def known(name: str) -> bool:
         values = [of[name] for of in numbers]
