@@ -103,6 +103,10 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
             raise Refusal(f"{name} is no {kind}: make it a class of {self._base.__name__}")
         if not component.name:
             component.name = name
+        try:
+            component.settings()
+        except TypeError as error:  # of a class of a user that declares a setting in another way
+            raise Refusal(f"{name} is no {kind}: {error}") from None
         return component
 
     def choose(self, text: str) -> P:

@@ -169,8 +169,8 @@ class PytreeComponent(Component):
             remedy = "give a chain as a list, the innermost first" if "inner" in lost else "give its settings alone"
             raise Refusal(
                 f"the {self.kind} {self.display_name} holds what its settings do not say ({', '.join(lost)}), which a "
-                f"configuration cannot have: there it would be made anew of its settings; {remedy}, or use gl.simulate, "
-                "which takes it as it is"
+                f"configuration cannot have: there it would be made anew of its settings; {remedy}, or use "
+                "gl.simulate, which takes it as it is"
             )
         return super().as_request()
 
