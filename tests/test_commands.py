@@ -1,6 +1,7 @@
 """Commands as functions: the same words, numbers and refusals as on the command line."""
 
 import json
+import pickle
 import subprocess
 import sys
 import types
@@ -113,6 +114,18 @@ def test_a_trial_is_kept_and_found_again(tmp_path):
     assert set(first.files) == set(again.files)
     with pytest.raises(gl.Refusal, match="keeps no traces"):
         _ = first.traces
+
+
+def test_results_go_to_other_processes(tmp_path):
+    for result in (
+        gl.run(controller="pid", duration=60),
+        gl.compare(controller=["pid", "basal"], duration=60),
+        gl.trial(people=2, controller="pid", duration=60, out=tmp_path / "trial"),
+    ):
+        with naming(result.command):
+            same = pickle.loads(pickle.dumps(result))
+            assert same.results == result.results
+            assert str(same) == str(result)
 
 
 @pytest.mark.parametrize(

@@ -142,19 +142,22 @@ class _StudyRun:
 
     study: Study
     output: Output
-    module: Any
     config: Any
     without_effect: tuple[str, ...]
     """Notes on what was given and changes nothing."""
 
     @classmethod
     def of(cls, study: Study, request: CommandRequest) -> _StudyRun:
-        """Complete the request, and import the module that does the work."""
+        """Complete the request."""
         config = configuration_of(request, study.request)
-        module: Any = importlib.import_module(study.module)
-        run = cls(study, request.output, module, config, notes_without_effect(config))
+        run = cls(study, request.output, config, notes_without_effect(config))
         note(map(in_shown_units, (*run.sentences("notes", config), *run.without_effect)))
         return run
+
+    @property
+    def module(self) -> Any:
+        """The module that does the work, which cannot be pickled."""
+        return importlib.import_module(self.study.module)
 
     def with_notes(self, results: Results) -> Results:
         """Findings whose notes begin with those on what changes nothing, for JSON and the files."""
