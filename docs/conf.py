@@ -7,11 +7,12 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS), str(DOCS.parent / "src"), str(DOCS.parent / "tests/shared")]
 
-from quick_to_compile import CACHE, keep_compiled, set_flags  # noqa: E402
+from quick_to_compile import CACHE, keep_compiled, set_flags, share_contexts  # noqa: E402
 
 (DOCS / "_build").mkdir(exist_ok=True)
 # before anything is computed: each program of the pictures runs once
 set_flags(os.environ.get(CACHE, DOCS / "_build"))
+share_contexts()
 if CACHE in os.environ:
     keep_compiled(os.environ[CACHE])  # many are those of tests
 

@@ -23,7 +23,7 @@ from glucoloop.meals import Scenario
 from glucoloop.patients import patient
 from glucoloop.pumps import Delivery
 from glucoloop.simulation import Adaptive, simulate
-from quick_to_compile import CACHE, keep_compiled, set_flags
+from quick_to_compile import CACHE, keep_compiled, set_flags, share_contexts
 
 
 def pytest_configure(config):
@@ -33,6 +33,7 @@ def pytest_configure(config):
         config.add_cleanup(folder.cleanup)
         config.add_cleanup(lambda: os.environ.pop(CACHE))
     set_flags(os.environ[CACHE])  # workers are started with them
+    share_contexts()
     keep_compiled(os.environ[CACHE])  # for commands that tests start, too
     _disk_cache._left = 0  # tests replace constants, of which the names of kept results do not tell
     gc.set_threshold(50_000, 20, 50)  # what JAX traces is many small objects, few of them garbage

@@ -1,14 +1,19 @@
 """Commands as functions: the same words, numbers and refusals as on the command line."""
 
 import json
+import pickle
 import subprocess
 import sys
 import types
+from datetime import timedelta
 
+import jax.numpy as jnp
 import numpy as np
+import polars as pl
 import pytest
 
 import glucoloop as gl
+from naming import naming
 
 
 def printed(*arguments):
@@ -44,6 +49,63 @@ def test_components_mappings_and_lists_are_taken():
     assert result._repr_html_().startswith("<pre>")
 
 
+def test_values_of_other_packages_are_the_same_values():
+    for name, given, same in (
+        ("seed", np.int64(3), 3),
+        ("duration", np.array([60]), 60),
+        ("duration", jnp.array(60), 60),
+        ("duration", timedelta(hours=1), 60),
+        ("duration", np.str_("1h"), 60),
+        ("duration", pl.Series([60]), 60),
+        ("meal", gl.Meal(45.0, 30.0), ["45g@30min"]),
+        ("meal", (text for text in ["45g@30min"]), ["45g@30min"]),
+        ("meal", np.array(["45g@30min"]), ["45g@30min"]),
+        ("controller", gl.control.PID, "pid"),
+        ("controller", gl.design_pid(gl.PIDTuning(0.5, 150.0)), "pid, gain=0.5, integral_time=150, derivative_time=0"),
+        ("patient", gl.patient("parker-1999", "nominal-22"), "parker-1999, operating_point=nominal-22"),
+    ):
+        with naming(f"{name}={given!r}"):
+            options = {"controller": "pid", "duration": 60, "noise": 1.0}
+            config, other = (gl.run(**{**options, name: value}).config for value in (given, same))
+            for case in (*config["controller"], *other["controller"]):
+                case.pop("label")
+            assert config == other
+
+
+def test_a_component_of_python_has_the_defaults_of_the_patient():
+    given = gl.run(controller=gl.control.LinearMPC(), patient="hovorka-2004", duration=60)
+    assert given.config == gl.run(controller="mpc", patient="hovorka-2004", duration=60).config
+
+
+def test_what_a_configuration_cannot_have_is_refused_and_not_made_anew():
+    patient = gl.patient()
+    model = gl.identify(patient).model
+    for name, value, lost in (
+        (
+            "controller",
+            gl.design_linear_mpc(model),
+            "the controller mpc holds what .* say .step_response, plan.*gl.sim",
+        ),
+        (
+            "patient",
+            patient.replaced(setpoint_mg_dl=jnp.array(100.0)),
+            "the patient parker-1999 has constants, or a steady state, that",
+        ),
+        (
+            "sensor",
+            gl.sensors.Lag(inner=gl.white_noise(9.0)),
+            r"the sensor lag .*\(inner\).* list, the innermost first",
+        ),
+        ("sensor", {"lag"}, "sensor is a set, which has no order; give a list"),
+        ("seed", np.random.default_rng(1), "seed is of the type Generator; give a number"),
+        ("out", b"o", "out is of the type bytes"),
+        ("out", "a\0b", "out has a character that no text has, NUL"),
+        ("duration", np.ma.masked, "duration_min is of the type MaskedConstant"),
+    ):
+        with naming(name), pytest.raises(gl.Refusal, match=lost):
+            gl.run(**{"controller": "pid", "duration": 60, name: value})
+
+
 def test_a_trial_is_kept_and_found_again(tmp_path):
     first = gl.trial(people=3, controller="pid", duration=120, out=tmp_path / "trial")
     again = gl.trial(people=3, controller="pid", duration=120, out=tmp_path / "trial")
@@ -52,6 +114,18 @@ def test_a_trial_is_kept_and_found_again(tmp_path):
     assert set(first.files) == set(again.files)
     with pytest.raises(gl.Refusal, match="keeps no traces"):
         _ = first.traces
+
+
+def test_results_go_to_other_processes(tmp_path):
+    for result in (
+        gl.run(controller="pid", duration=60),
+        gl.compare(controller=["pid", "basal"], duration=60),
+        gl.trial(people=2, controller="pid", duration=60, out=tmp_path / "trial"),
+    ):
+        with naming(result.command):
+            same = pickle.loads(pickle.dumps(result))
+            assert same.results == result.results
+            assert str(same) == str(result)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import stat
 import sys
 from pathlib import Path
 
+import jax
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -265,3 +266,16 @@ def test_a_lock_has_one_version_of_each_package(lock):
 
 def test_users_get_no_tools_of_developers():
     assert not {"pytest", "mypy", "ruff", "sphinx", "hypothesis"} & {name for name, *_ in pins("requirements.lock")}
+
+
+def context_of_a_program():
+    return jax.jit(lambda x: x + 1.0).lower(1.0).compiler_ir().context
+
+
+def test_programs_of_tests_share_contexts():
+    assert len({context_of_a_program() for _ in range(3)}) < 3  # two where a context has had its programs in between
+
+
+def test_a_program_that_is_compiled_while_another_is_written_has_a_context_of_its_own():
+    with context_of_a_program() as current:
+        assert context_of_a_program() is not current

@@ -88,8 +88,9 @@ def options():
     found = {"--help", "--version"}
     for name in app.names():
         found |= {option.flag for option in app.command_of(name).options}
-    for script in [*ROOT.glob("dev/*.py"), *ROOT.glob("docs/*.py"), *ROOT.glob("benchmarks/*.py")]:
-        found |= set(re.findall(r"\"(--[a-z-]+)\"", script.read_text(encoding="utf-8")))
+    for folder in ("dev", "docs", "benchmarks", "validation"):
+        for script in (ROOT / folder).rglob("*.py"):
+            found |= set(re.findall(r"\"(--[a-z-]+)\"", script.read_text(encoding="utf-8")))
     return found
 
 

@@ -9,7 +9,6 @@ of arithmetic are never mixed in one folder.
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import os
 import warnings
@@ -82,6 +81,8 @@ def identity() -> dict[str, str]:
 
 def digest(facts: Mapping[str, str]) -> str:
     """A short name of an identity."""
+    import hashlib  # slow, and needed for results only
+
     return hashlib.sha256(json.dumps(dict(facts), sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -104,6 +105,8 @@ def _versions() -> Mapping[str, str]:
 @functools.cache
 def _processor() -> str:
     """Name of the processor in LLVM, and a digest of the features that code may use."""
+    import hashlib
+
     from llvmlite import binding
 
     features = binding.get_host_cpu_features().flatten()

@@ -13,11 +13,16 @@ from __future__ import annotations
 
 import importlib
 import io
+import numbers
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import timedelta
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from glucoloop.cli.command import CommandOption, Given
 from glucoloop.cli.screen import collected_notes
@@ -27,7 +32,9 @@ from glucoloop.component.code import loaded
 from glucoloop.component.effects import NoEffectWarning
 from glucoloop.component.grammar import component_text
 from glucoloop.component.setting import known_names, value_text
+from glucoloop.meals import Meal
 from glucoloop.refusal import Refusal
+from glucoloop.situations.meal_text import meal_text
 from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.study import Study
 
@@ -202,22 +209,48 @@ def _typed(command: str, options: tuple[CommandOption, ...], values: Mapping[str
         if option.metavar is None:
             typed[option.key] = bool(value)
         elif value is not None:
-            items = value if isinstance(value, list | tuple) else [value]
-            texts = [_text(option, item) for item in items] or ["none"]
+            texts = [_text(option, item) for item in _items(option, value)] or ["none"]
             if len(texts) > 1 and not option.many:
                 raise Refusal(f"{option.key} takes one value, not {len(texts)}; leave all but one out")
             typed[option.key] = texts if option.many else texts[0]
     return typed
 
 
+def _items(option: CommandOption, value: Any) -> list[Any]:
+    """Items of a list, of an iterator, and of an array or a column of one dimension; else the value alone."""
+    if isinstance(value, set | frozenset):
+        raise Refusal(f"{option.key} is a set, which has no order; give a list")
+    if isinstance(value, list | tuple | Iterator):
+        return list(value)
+    whole = next((getattr(value, name) for name in ("tolist", "to_list") if hasattr(value, name)), None)
+    if whole is None or isinstance(value, np.ma.MaskedArray):
+        return [value]
+    items = whole()
+    return items if isinstance(items, list) else [items]
+
+
 def _text(option: CommandOption, value: Any) -> str:
     """Text that stands on the command line for a value."""
+    if isinstance(value, type) and issubclass(value, Component):
+        value = value()
     if isinstance(value, Component):
-        return value.text
+        return component_text(value.as_request().tree())
+    if isinstance(value, Meal) and value.announced_g is None and value.announced_min is None:
+        return meal_text(value)
     if isinstance(value, Mapping):
         return component_text(value)
     if value is True and option.alone:
         return option.alone
-    if isinstance(value, float) or hasattr(value, "dtype"):
-        return repr(float(value))  # every digit
-    return str(value) if isinstance(value, str | Path) else value_text(value)
+    if isinstance(value, timedelta):
+        return f"{value.total_seconds()!r}s"
+    if isinstance(value, float):
+        return repr(value)  # every digit
+    if not isinstance(value, str | Path | numbers.Number | Decimal):
+        raise Refusal(
+            f"{option.key} is of the type {type(value).__name__}; give a number, a text as on the command line, a "
+            "component or its settings, or a list of these"
+        )
+    text = str(value) if isinstance(value, str | Path) else value_text(value)
+    if "\0" in text:
+        raise Refusal(f"{option.key} has a character that no text has, NUL; leave it out")
+    return text

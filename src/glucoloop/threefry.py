@@ -11,7 +11,6 @@ J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, "Parallel random numbers: as
 
 from __future__ import annotations
 
-import hashlib
 from typing import Any, Final
 
 from glucoloop._lazy_jax import np, npt
@@ -38,6 +37,8 @@ def threefry_2x32(key: tuple[Any, Any], first: Any, second: Any) -> tuple[Any, A
 
 def name_word(name: str) -> int:
     """Word of 32 bits that represents a name, the same on every machine."""
+    import hashlib  # slow, and not needed for help
+
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
 
 

@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 
 from forecast_records import device_record, drawn_record, gridded
+from glucoloop.studies.forecast.study import _comparison
 
 QUICK = ("--method", "mean", "--method", "persistence", "--method", "loop-like")
 
@@ -135,3 +136,20 @@ def test_help_imports_no_numerical_library():
     code = "import sys, glucoloop.studies.forecast; print({'numpy', 'polars', 'scipy', 'jax'} & {*sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+def test_the_conclusion_says_who_errs_more_and_who_cannot_be_told_apart():
+    def row(method, difference, low, high):
+        about = {"method": method, "first": "kalman", "future": "known", "horizon": "60 min", "people": 1}
+        return {**about, "difference_mg_dl": difference, "low_mg_dl": low, "high_mg_dl": high}
+
+    pooled = {"method": "kalman", "future": "known", "horizon": "60 min", "median_rmse_mg_dl": 30.04}
+    rows = [row("mean", 9.0, 7.0, 11.0), row("ridge", -1.0, -3.0, 0.5), row("own", -4.0, -6.0, -2.0)]
+    plain = {"first": "kalman", "records": [{}], "pooled": [pooled], "differences": rows}
+    [sentence] = _comparison(plain, "60 min")
+    assert sentence == (
+        "At 60 min kalman errs by 30.0 mg/dl. The others' errors less that one, with the interval of 95 % over days "
+        "held out, are above 0 for mean 9.0 mg/dl (7.0 mg/dl to 11.0 mg/dl); below 0 for own -4.0 mg/dl (-6.0 mg/dl to "
+        "-2.0 mg/dl); too near to 0 to tell for ridge -1.0 mg/dl (-3.0 mg/dl to 0.5 mg/dl)."
+    )
+    assert not list(_comparison({**plain, "differences": []}, "60 min"))

@@ -1,6 +1,7 @@
 """``glucoloop identify``."""
 
 import json
+import re
 
 import numpy as np
 import polars as pl
@@ -8,6 +9,7 @@ import pytest
 
 import glucoloop as gl
 from device_files import clarity
+from naming import naming
 
 
 @pytest.mark.long
@@ -142,6 +144,44 @@ def test_where_to_use_it(glucoloop):
     out = glucoloop("identify", "--sample-time", 10, "--dead-time", 10, "--out", "m").out
     line = next(line for line in out.splitlines() if line.startswith("Use it: glucoloop "))
     assert glucoloop(*line.removeprefix("Use it: glucoloop ").split(), "--duration", 100).code == 0
+
+
+def test_a_cell_that_cannot_be_meant_is_named_with_its_row_and_what_its_column_takes(refused, tmp_path):
+    head = "t_min,insulin_mU_min,glucose_mg_dl,carbs_g\n0,10,100,\n\n,,,\n"
+    for row, message in {
+        "08:15,10,100,": "The time in row 4 of r.csv, below its first line, is '08:15': it must be a number; give the",
+        ",10,100,": "The time in row 4 of r.csv, below its first line, is missing: it must be a finite",
+        "5,stop,100,": "insulin in row 4 of r.csv, below its first line, is 'stop': it must be a number; give the rate",
+        "5,,100,": "The insulin rate in row 4 of r.csv, below its first line, is missing: it must be a finite number",
+        "5,10,LOW,": "'LOW': it must be a number; give the reading in mg/dl, or mark it as missing, with NaN",
+        "5,10,100,50g": "'50g': it must be a number; give the grams alone, or leave the cell empty",
+    }.items():
+        (tmp_path / "r.csv").write_text(f"{head}{row}\n10,10,100,\n")
+        with naming(row):
+            assert message in refused("identify", "--data", "r.csv")
+
+
+def test_lines_that_end_as_on_an_old_computer_are_lines(refused, tmp_path):
+    (tmp_path / "r.csv").write_bytes(b"t_min,insulin_mU_min,glucose_mg_dl\r0,10,100\r5,10,x\r")
+    assert "The glucose in row 2 of r.csv, below its first line, is 'x'" in refused("identify", "--data", "r.csv")
+
+
+def test_a_table_with_many_columns_is_refused_in_a_sentence(refused, tmp_path):
+    (tmp_path / "r.csv").write_text(",".join(f"c{k}" for k in range(1000)) + "\n")
+    message = refused("identify", "--data", "r.csv")
+    assert "only c0, c1, c2, c3, c4, c5, c6, c7 and 992 more; its first line must name t_min" in message
+
+
+@pytest.mark.long
+def test_a_gain_outside_of_its_interval_is_explained(glucoloop):
+    answer = glucoloop("identify", "--patient", "roy-parker-2007", "--json")
+    fit = answer.json["fit"]
+    assert fit["gain_mg_dl_per_mU_min"] < fit["gain_from_mg_dl_per_mU_min"] < fit["gain_to_mg_dl_per_mU_min"]
+    assert "The model's gain lies outside the interval: the model is a sum of 2 Laguerre functions" in answer.err
+    assert re.search(
+        r"a lasting change of insulin moves glucose \d\.\d % less in the end than by the model", answer.err
+    )
+    assert "outside the interval" not in glucoloop("identify", "--json").err
 
 
 def test_an_export_of_a_device_is_told_where_it_belongs(refused, tmp_path):

@@ -91,6 +91,49 @@ def test_periods_stand_side_by_side(glucoloop, record):
 
 
 @pytest.mark.long
+def test_insulin_and_carbohydrate_are_told_by_the_day_where_a_record_has_any(glucoloop, record, tmp_path):
+    record()
+    record("other.csv", seed=3)
+    table = pl.read_csv("Doe_Jane_export.csv", try_parse_dates=True)
+    breakfasts = [dt.datetime(2025, 1, 6, 7, 30) + dt.timedelta(days=day) for day in range(14)]
+    rates = pl.DataFrame({"time": [dt.datetime(2025, 1, 5, 12)], "basal_U_h": [0.75]})
+    doses = pl.DataFrame({"time": breakfasts, "bolus_U": [4.0] * 14, "carbs_g": [50.0] * 14})
+    pl.concat([table, rates, doses], how="diagonal").write_csv("given.csv")
+    answer = glucoloop("report", "given.csv", "other.csv", "--out", "out", "--json")
+    assert answer.code == 0, answer.err
+    with_doses, without = answer.json["records"]
+    assert with_doses["insulin_U_day"] == pytest.approx(22.0)
+    assert with_doses["basal_pct"] == pytest.approx(100.0 * 18.0 / 22.0)
+    assert (with_doses["carbs_g_day"], with_doses["boluses_day"]) == (50.0, 1.0)
+    assert without["insulin_U_day"] is None
+    assert (
+        with_doses["mean_mg_dl"]
+        == glucoloop("report", "Doe_Jane_export.csv", "--json").json["records"][0]["mean_mg_dl"]
+    )
+    days = pl.read_csv("out/days.csv")
+    assert days.filter(pl.col("record") == "Record 1")["bolus_U"].to_list()[1:-1] == [4.0] * 12
+    assert days.filter(pl.col("record") == "Record 2")["bolus_U"].null_count() == 14
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("Means of the whole days of which the record tells it") == 1
+    assert "22.0 U" in page
+    assert "Insulin" not in glucoloop("report", "other.csv", "--out", "alone").out
+    assert "Insulin and carbohydrate" not in (tmp_path / "alone" / "report.html").read_text()
+
+
+@pytest.mark.long
+def test_the_insulin_of_a_run_is_told(glucoloop):
+    meals = ("--announce-meals", "--meal", "60g@8h", "--days", 2)
+    assert (
+        glucoloop("run", "--patient", "hovorka-2004", "--controller", "basal-bolus", *meals, "--out", "run").code == 0
+    )
+    [found] = glucoloop("report", "run", "--json").json["records"]
+    trace = pl.read_parquet("run/trace.parquet")
+    total_mU = 5.0 * trace["insulin_mU_min"].sum() + trace["bolus_mU"].sum()
+    assert found["insulin_U_day"] == pytest.approx(total_mU / 2000.0)
+    assert (found["carbs_g_day"], found["boluses_day"]) == (60.0, 1.0)
+
+
+@pytest.mark.long
 def test_glucagon_is_told_by_the_day_where_a_record_has_any(glucoloop, record, tmp_path):
     readings = record()
     record("other.csv", seed=3)

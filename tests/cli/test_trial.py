@@ -356,6 +356,13 @@ def test_progress_is_told_in_lines(capsys, monkeypatch):
     assert second.startswith("600 of 1000 people")
 
 
+@pytest.mark.parametrize(
+    ("rate", "text"), [(0.0125, "one in 80 s"), (0.5, "one in 2 s"), (1.0, "1 people/s"), (12_345.6, "12346 people/s")]
+)
+def test_slow_work_has_the_time_of_one(rate, text):
+    assert progress._pace(rate, "people") == text
+
+
 def test_of_long_work_it_is_said_once_how_long_the_rest_takes(capsys, monkeypatch):
     clock = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])

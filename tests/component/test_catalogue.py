@@ -46,6 +46,10 @@ def test_help_descriptions_and_refusals_import_no_numerical_library(arguments):
     assert not {"jax", "numpy", "scipy", "polars", "matplotlib"} & modules_after(*arguments)
 
 
+def test_help_imports_no_library_of_python_that_only_results_and_errors_need():
+    assert not {"concurrent.futures", "hashlib"} & modules_after("run", "--help")
+
+
 def test_the_list_of_everything_imports_no_more_than_the_readers_of_records():
     assert not {"jax", "scipy", "matplotlib"} & modules_after("list")
 

@@ -124,7 +124,7 @@ def replaced(column, row, value):
         ({"t": replaced(TIMES, 3, 9.0)}, "time in row 3 .counted from 0. is 9: it must be later"),
         (
             {"t": replaced(TIMES, 3, np.nan)},
-            "time in row 3 .counted from 0. is nan: it must be a finite number of minutes",
+            "time in row 3 .counted from 0. is missing: it must be a finite number of minutes",
         ),
         ({"t": replaced(TIMES, 3, "08:15")}, "time in row 3 .counted from 0. is '08:15': it must be a number"),
         ({"t": [datetime.datetime(2020, 1, 1)] * 145}, "time in row 0 .counted from 0. is datetime"),
@@ -133,7 +133,7 @@ def replaced(column, row, value):
         ({"t": TIMES.reshape(5, 29)}, r"time column has shape \(5, 29\)"),
         ({"u": replaced(INSULIN, 8, -1.0)}, "insulin rate in row 8 .counted from 0. is -1: it must be .* at least 0"),
         ({"u": replaced(INSULIN, 8, np.inf)}, "insulin rate in row 8 .counted from 0. is inf"),
-        ({"u": replaced(INSULIN, 8, None)}, "insulin rate in row 8 .counted from 0. is nan: .*leave the row out"),
+        ({"u": replaced(INSULIN, 8, None)}, "insulin rate in row 8 .counted from 0. is missing: .*leave the row out"),
         ({"u": replaced(INSULIN, 8, 2j)}, "insulin in row 8 .counted from 0. is 2j: it must be a number"),
         (
             {"y": replaced(GLUCOSE, 9, 0.0)},

@@ -166,21 +166,7 @@ def rise_mmol_l(patient, start_mmol_l, dose_ug):
 
 @pytest.mark.long
 def test_published_responses(subcutaneous):
-    """Ranjan et al. (2016): means with intervals of 95 %. Blauw et al. (2016): the range of medians.
-
-    What is outside is so by what the page says of it.
-    """
-    rows = []
-    for dose_ug, (low, mean, high) in {
-        100.0: (1.7, 2.3, 3.0),
-        200.0: (3.5, 4.2, 4.8),
-        300.0: (4.3, 5.0, 5.6),
-    }.items():
-        rise, _, _ = rise_mmol_l(subcutaneous, 3.4, dose_ug)
-        rows.append(f"| {dose_ug:.0f} | {mean} ({low} to {high}) | {rise:.2f} |")
-        assert (low <= rise <= high) == (dose_ug == 100.0)
-        assert rise > low - 0.7
-    assert "\n".join(rows) in PAGE.read_text()
+    """Blauw et al. (2016): the range of medians. What is outside is so by what the page says of it."""
     for start in (8.0, 6.0, 4.0):
         for dose_ug in (220.0, 440.0):
             rise, _, to_glucagon = rise_mmol_l(subcutaneous, start, dose_ug)

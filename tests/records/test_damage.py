@@ -8,7 +8,18 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 
 import glucoloop as gl
-from device_files import FILES, START, clarity, every, glucose, nightscout_entries, nightscout_treatments, tidepool
+from device_files import (
+    FILES,
+    START,
+    clarity,
+    every,
+    glucose,
+    nightscout_entries,
+    nightscout_treatments,
+    tandem,
+    tidepool,
+)
+from naming import naming
 
 TEMPORARY = [
     (time, {"eventType": "Temp Basal", "absolute": 0.5, "duration": 30, "percent": -50}) for time in every(20, 10)
@@ -58,6 +69,45 @@ def test_every_line_of_a_cut_table_is_counted(tmp_path, name, rows):
     assert record is not None
     assert record.left_out["a last row that is cut off"] == 1
     assert record.rows == len(lines) - {"clarity": 1, "libre": 2}[name]
+
+
+def test_a_part_of_the_last_value_is_not_a_value(tmp_path):
+    above = "".join(f"2024-03-13 08:{5 * n:02d},{{}}\n" for n in range(6))
+    for cell, last, why in (
+        ("312", "31", "a last row that is cut off"),
+        ("298", "31", "a last row that may be cut off"),
+        ("10.4", "10.", "a last row that is cut off"),
+        ("10.4", "9", "a last row that is cut off"),
+        ('"10,4"', '"9,', "a last row that is cut off"),
+        ("298", "312", None),
+        ("298", "0", None),
+        ("8.4", "10.4", None),
+    ):
+        unit = "glucose_mg_dl" if cell.isdecimal() else "glucose_mmol_l"
+        text = f"time,{unit}\n" + above.format(*6 * [cell]) + f"2024-03-13 08:30,{last}"
+        for end in ("", "\n"):
+            with naming(f"{last!r} after {cell!r}, then {end!r}"):
+                record = read_or_refused(tmp_path / "cut", (text + end).encode())
+                cut = {name for name in record.left_out if "cut off" in name}
+                assert cut == ({why} if why and not end else set())
+
+
+def test_what_is_read_of_a_cut_file_stands_in_the_whole_one(tmp_path):
+    for name in ("tandem", "t1d-uom", "replaybg", "carelink", "glooko"):
+        whole = FILES[name]
+        columns = ["time", "glucose_mg_dl", "carbs_g", "bolus_U", "bolus_min"]
+        rows = set(read_or_refused(tmp_path / "whole", whole.encode()).frame.select(columns).iter_rows())
+        for at in range(len(whole) - 90, len(whole)):
+            with naming(f"{name} at {at}"):
+                record = read_or_refused(tmp_path / "cut", whole[:at].encode())
+                assert record is None or set(record.frame.select(columns).iter_rows()) <= rows
+
+
+def test_doses_of_a_row_that_cannot_be_used_are_not_used(tmp_path):
+    text = tandem().replace(',"2.00","3.00","120","30",', ',"2.00","3.00","120","30","x","x","x","x","x","x","x","x",')
+    record = read_or_refused(tmp_path / "more", text.encode())
+    assert record.left_out["rows with more fields than the header"] == 1
+    assert 3.0 not in record.frame["bolus_U"].to_list()
 
 
 @pytest.mark.long
@@ -196,11 +246,13 @@ def test_a_unit_that_is_not_said_is_asked_for(read, refused):
 def test_what_no_reader_knows_is_told_by_what_was_seen(refused):
     for text, seen in (
         ('{"name": 1, "age": 2}', "it is JSON, one object"),
-        ("[1, 2", "it begins like JSON and is no whole JSON"),
         ("<html></html>", "it is XML or HTML"),
         ("hello", "it is text of 1 lines without commas, semicolons or tabs in the first"),
     ):
         assert refused(text).startswith(f"no reader knows it: {seen}. The readers are dexcom-clarity, libreview, ")
+    assert (
+        refused("[1, 2") == "it begins like JSON, and breaks off or is damaged; give the whole file as it was exported"
+    )
 
 
 def test_two_readers_that_could_take_a_file_are_named(read, refused):

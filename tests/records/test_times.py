@@ -8,6 +8,7 @@ import pytest
 
 import glucoloop as gl
 from device_files import START, clarity, every, glucose, libre, nightscout_entries
+from naming import naming
 
 
 def test_dates_that_fit_both_orders_are_asked_about(read, refused):
@@ -29,6 +30,27 @@ def readings_of(record):
 def test_dates_that_fit_one_order_are_read_in_it(read, order):
     record = read(libre(200, order=order))
     assert record.frame["time"].to_list() == every(15, 200)
+
+
+def test_a_clock_of_twelve_hours_without_its_half_is_refused(read, refused):
+    message = "its times are of a clock of 12 hours without AM or PM: none is before 01:00"
+    for days, newest_first in ((1, False), (1, True), (3, False), (3, True)):
+        for form, half in (("%Y-%m-%d %I:%M:%S", ""), ("%m/%d/%Y %I:%M", ""), ("%Y-%m-%d %I:%M", " %p")):
+            times = every(5, 288 * days, datetime(2024, 3, 13))
+            rows = [f"{time:{form}{half}},{glucose(n)}" for n, time in enumerate(times)]
+            text = "\n".join(["time,glucose_mg_dl", *(rows[::-1] if newest_first else rows)])
+            with naming(f"{days} days, {form}{half}"):
+                if half:
+                    assert read(text).frame["time"].to_list() == times
+                else:
+                    assert refused(text).startswith(message)
+
+
+def test_a_morning_alone_is_no_clock_of_twelve_hours(read):
+    times = [time for time in every(5, 600, datetime(2024, 3, 13)) if 1 <= time.hour <= 12]
+    rows = [f"{time:%Y-%m-%d %H:%M},{glucose(n)}" for n, time in enumerate(times)]
+    for text in (rows, rows[::-1]):
+        assert read("\n".join(["time,glucose_mg_dl", *text])).frame["time"].to_list() == times
 
 
 def test_dates_in_both_orders_are_refused(refused):

@@ -4,10 +4,12 @@ import contextlib
 import importlib.util
 import json
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -149,6 +151,47 @@ def test_process_of_a_cluster_without_glucoloop_is_told(tmp_path, make_trial, cl
         pytest.raises(Refusal, match=r"failed on the cluster: .* install the same glucoloop for all of them; 0 of 5"),
     ):
         run_on_cluster(folder, Refusing(client, errors, pretend), lambda people: None)
+
+
+class NotSentError(Exception):
+    """An error that no process can send to another one, nor show."""
+
+    def __init__(self, *, code):
+        super().__init__(f"code {code}")
+        self.lock = threading.Lock()
+
+    def __reduce__(self):
+        return os._exit, (9,)
+
+
+class NotShownError(Exception):
+    def __str__(self):
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (NotSentError(code=1), r"test_trial_cluster\.NotSentError: code 1$"),
+        (NotShownError(), r"NotShownError: <exception str"),
+        (
+            RuntimeError("a callback failed\n  File 1\n  File 2\nKeyError: 'b'\n"),
+            r"^RuntimeError: a callback failed \.\.\. KeyError: 'b'$",
+        ),
+        (Refusal("a is 1, and must be 2", "give 2"), "^a is 1, and must be 2; give 2$"),
+    ],
+    ids=["not-sent", "not-shown", "long", "refusal"],
+)
+def test_every_error_of_a_worker_can_be_sent(monkeypatch, make_trial, error, message):
+    def fails(trial):
+        raise error
+
+    monkeypatch.setattr(engine, "prepare", fails)
+    with pytest.raises(Refusal, match=message) as failed:
+        shard_on_worker(make_trial(), 0, glucoloop.__version__, arithmetic.identity())
+    assert type(pickle.loads(pickle.dumps(failed.value))) is Refusal
+    assert failed.value.__cause__ is None
+    assert failed.value.__context__ is None  # Dask sends it as well
 
 
 def test_another_processor_is_taken_in_portable_arithmetic_alone(monkeypatch, make_trial):

@@ -11,7 +11,6 @@ import os
 import sys
 import traceback
 from collections.abc import Iterator
-from concurrent.futures import CancelledError
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Final, NoReturn, TypeVar
@@ -50,7 +49,9 @@ def sentence(error: BaseException) -> str | None:
         platforms = os.environ.get("JAX_PLATFORMS")
         config = "" if platforms is None else f" as JAX_PLATFORMS={platforms} asks"
         return f"JAX cannot start{config}: {one_line(error)}; unset JAX_PLATFORMS, or set it to cpu"
-    if type(error).__module__.partition(".")[0] in ("dask", "distributed") or isinstance(error, CancelledError):
+    kind = type(error)  # concurrent.futures takes long to import
+    package, cancelled = kind.__module__.partition(".")[0], ("concurrent", "CancelledError")
+    if package in ("dask", "distributed") or (package, kind.__name__) == cancelled:
         why = one_line(error) or type(error).__name__
         return (
             f"the connection to the Dask scheduler was lost ({why}); the shards that are done are kept, start the "

@@ -61,8 +61,7 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
                     sentence = f"The rest takes about {_long(left_s)}, as measured: {_few(work)} of {total} {what} took"
                     console.print(f"{sentence} {seconds:.0f} s.", soft_wrap=True, markup=False, highlight=False)
             rate = task.speed or (task.completed - before) / max(task.elapsed or 0.0, 1e-9)
-            rate_text = f"{rate:.3g}" if rate < 1000.0 else f"{rate:.0f}"
-            text = f"{int(task.completed)} of {total} {what}, {rate_text} {what}/s"
+            text = f"{int(task.completed)} of {total} {what}, {_pace(rate, what)}"
             progress.update(number, text=text)
             if not terminal and time.monotonic() - last_s >= BETWEEN_LINES_S:
                 last_s = time.monotonic()
@@ -71,6 +70,13 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
 
         yield more
     raise_if_interrupted()
+
+
+def _pace(rate: float, what: str) -> str:
+    """Number in a second, or the time of one where that is longer."""
+    if 0.0 < rate < 1.0:
+        return f"one in {1.0 / rate:.3g} s"
+    return f"{rate:.3g} {what}/s" if rate < 1000.0 else f"{rate:.0f} {what}/s"
 
 
 def _few(work: float) -> str:

@@ -136,6 +136,10 @@ class StudyOutcome:
             print_text(line)
 
 
+def _run_again(study: Study, output: Output, config: Any, without_effect: tuple[str, ...]) -> _StudyRun:
+    return _StudyRun(study, output, importlib.import_module(study.module), config, without_effect)
+
+
 @dataclass(frozen=True)
 class _StudyRun:
     """A study whose request is complete."""
@@ -151,10 +155,13 @@ class _StudyRun:
     def of(cls, study: Study, request: CommandRequest) -> _StudyRun:
         """Complete the request, and import the module that does the work."""
         config = configuration_of(request, study.request)
-        module: Any = importlib.import_module(study.module)
-        run = cls(study, request.output, module, config, notes_without_effect(config))
+        run = cls(study, request.output, importlib.import_module(study.module), config, notes_without_effect(config))
         note(map(in_shown_units, (*run.sentences("notes", config), *run.without_effect)))
         return run
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The parts of which it is made anew: a module cannot be pickled."""
+        return _run_again, (self.study, self.output, self.config, self.without_effect)
 
     def with_notes(self, results: Results) -> Results:
         """Findings whose notes begin with those on what changes nothing, for JSON and the files."""

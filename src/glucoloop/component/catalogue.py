@@ -15,6 +15,7 @@ from glucoloop.component.grammar import NAME, Tree, as_table, component_tree, pl
 from glucoloop.component.request import Request, completed, read
 from glucoloop.component.setting import known_names
 from glucoloop.refusal import Refusal
+from glucoloop.text import shown
 
 P = TypeVar("P", bound=Component)
 
@@ -102,6 +103,10 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
             raise Refusal(f"{name} is no {kind}: make it a class of {self._base.__name__}")
         if not component.name:
             component.name = name
+        try:
+            component.settings()
+        except TypeError as error:  # of a class of a user that declares a setting in another way
+            raise Refusal(f"{name} is no {kind}: {error}") from None
         return component
 
     def choose(self, text: str) -> P:
@@ -126,7 +131,9 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
         source = place(tree)
         try:
             if not isinstance(tree, Mapping):
-                raise Refusal(f"{plain(tree)!r} is no {self._base.kind}; give a text like {self.example!r}, or a table")
+                raise Refusal(
+                    f"{shown(plain(tree))} is no {self._base.kind}; give a text like {self.example!r}, or a table"
+                )
             name = plain(tree.get(NAME, self.default if self.unnamed else None))
             if not isinstance(name, str) or not name:
                 problem = f"no {self._base.kind} is named" if name is None else f"{name!r} names no {self._base.kind}"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 import importlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -45,6 +44,8 @@ def _outside_components(config: object) -> Iterator[str]:
 
 def _note_code(name: str, value: str) -> None:
     """Note the code of a component when it is loaded: all files of its package, or the file of its module."""
+    import hashlib  # slow, and not needed for help
+
     package = value.partition(":")[0].partition(".")[0]
     module = sys.modules.get(package)
     alone = getattr(module, "__file__", None)

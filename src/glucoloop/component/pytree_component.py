@@ -33,6 +33,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self, TypeVar
 from glucoloop._pytree import register
 from glucoloop.component.base import WIRING, Component
 from glucoloop.component.request import Request
+from glucoloop.refusal import Refusal
 
 T = TypeVar("T")
 
@@ -85,6 +86,15 @@ class _Attributes(NamedTuple):
     data: tuple[str, ...]
     static: tuple[str, ...]
     host: tuple[str, ...]
+
+
+def same_parts(value: Any, other: Any) -> bool:
+    """Whether two values have the same parts, which may be arrays."""
+    import jax
+    import numpy as np
+
+    parts, others = jax.tree.leaves(value), jax.tree.leaves(other)
+    return len(parts) == len(others) and all(map(np.array_equal, parts, others))
 
 
 class PytreeComponent(Component):
@@ -151,6 +161,30 @@ class PytreeComponent(Component):
         for name in self.derived_names():
             getattr(whole, name)  # refuses what cannot be
         return whole
+
+    def as_request(self) -> Request[Self]:
+        """The request from which the same component is made; Refusal where it holds what no setting says."""
+        lost = self._beyond_settings()
+        if lost:
+            remedy = "give a chain as a list, the innermost first" if "inner" in lost else "give its settings alone"
+            raise Refusal(
+                f"the {self.kind} {self.display_name} holds what its settings do not say ({', '.join(lost)}), which a "
+                f"configuration cannot have: there it would be made anew of its settings; {remedy}, or use "
+                "gl.simulate, which takes it as it is"
+            )
+        return super().as_request()
+
+    def _beyond_settings(self) -> tuple[str, ...]:
+        """Names of what it is connected to, where that is not what an object of its settings has."""
+        fields = [field for field in dataclasses.fields(typing.cast(Any, self)) if WIRING in field.metadata]
+        names = [field.name for field in fields if getattr(self, field.name) is not field.default]
+        if not names:
+            return ()
+        try:
+            plain = type(self)(**self.values())
+        except TypeError:  # it has a field without a default, as a sensor for a site has
+            return ()
+        return tuple(name for name in names if not same_parts(getattr(self, name), getattr(plain, name)))
 
     def is_designed(self) -> bool:
         """Whether all that methods need besides the settings is there; a field that may be None is not needed."""

@@ -8,14 +8,16 @@ Dev. 25(1), 1986.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Self
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.effects import ONLY_READINGS
 from glucoloop.component.pytree_component import DATA, HOST, STATIC, wired
+from glucoloop.component.request import Request
 from glucoloop.component.setting import About
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase, check_gain, check_number, check_sample_time
@@ -180,6 +182,15 @@ class PID(ControllerComponent, name="pid"):
             sample_time_min=sample_time_min,
         )
         return controller
+
+    def as_request(self) -> Request[Self]:
+        """The request of the same parameters, of which those of a model are no longer open in a design."""
+        if self.proportional is None or is_traced(self.proportional):
+            return super().as_request()
+        names = ("gain", "integral_time_min", "derivative_time_min")
+        return dataclasses.replace(
+            self.request, explicit={**self.explicit, **{name: float(getattr(self, name)) for name in names}}
+        )
 
     def settled(self) -> dict[str, Any]:
         """Gain in mU/min per mg/dl, and times."""

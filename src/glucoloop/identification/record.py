@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import jax.numpy as jnp
 import numpy as np
@@ -27,6 +27,13 @@ LARGEST_MEAL_G = 1000.0
 LATEST_MIN = 1e9
 # Times within this part of a sample are the same time.
 ON_GRID = 1e-6
+_NUMBER_OF: Final = {
+    "time": "give the minutes from any moment on, or leave the row out",
+    "insulin": "give the rate in mU/min, or leave the row out to hold the one before",
+    "glucose": "give the reading in mg/dl, or mark it as missing, with NaN or an empty cell",
+    "carbohydrate": "give the grams alone, or leave the cell empty",
+}
+"""Remedy for a value of each column that is no number."""
 FROM_ZERO = " (counted from 0)"
 """Words about a row, as arrays have it."""
 
@@ -212,8 +219,7 @@ def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
                 float(_number(value))
             except (TypeError, ValueError, OverflowError):
                 raise Refusal(
-                    f"The {name} in row {row}{FROM_ZERO} is {value!r}: it must be a number; leave the row out, "
-                    "or mark a missing reading as NaN."
+                    f"The {name} in row {row}{FROM_ZERO} is {value!r}: it must be a number; {_NUMBER_OF[name]}."
                 ) from None
         raise
     if numbers.ndim != 1:
@@ -229,7 +235,8 @@ def _number(value: Any) -> Any:
 def _refuse_rows(refused: npt.NDArray[np.bool_], name: str, values: Floats, bound: str, mend: str) -> None:
     if refused.any():
         row = int(np.argmax(refused))
-        raise Refusal(f"The {name} in row {row}{FROM_ZERO} is {values[row]:g}: it must be {bound}; {mend}.")
+        value = "missing" if np.isnan(values[row]) else f"{values[row]:g}"
+        raise Refusal(f"The {name} in row {row}{FROM_ZERO} is {value}: it must be {bound}; {mend}.")
 
 
 def _refuse_gaps(read_min: Floats, max_gap_min: float) -> None:

@@ -172,7 +172,9 @@ class Metric(Component):
 
         The first point of the grid is counted by `point` afterwards.
         """
-        raise NotImplementedError
+        raise Refusal(
+            f"the metric {self.name} has no method init; write init(trajectory, glucose_mg_dl, insulin_mU_min)"
+        )
 
     def point(self, trajectory: Trajectory, state: Any, glucose_mg_dl: jax.Array, t_min: jax.Array) -> Any:
         """State after a point of the grid of one minute."""
@@ -184,7 +186,7 @@ class Metric(Component):
 
     def finish(self, trajectory: Trajectory, state: Any, ended: Ended) -> dict[str, Any]:
         """Results by the names of `results`."""
-        raise NotImplementedError
+        raise Refusal(f"the metric {self.name} has no method finish; write finish(trajectory, state, ended)")
 
 
 def count(condition: jax.Array, like: jax.Array) -> jax.Array:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree, static
 from glucoloop._representation import represented
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.control.protocol import Decision
 from glucoloop.metrics.metric import LOWEST_GLUCOSE_MG_DL, Ended, Metric, Trajectory, default_results, metrics_with
 from glucoloop.pumps import Delivery
@@ -24,6 +24,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import Reading
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.trace import Trace
+from glucoloop.simulation.user_objects import NEED_VALUES, needs_values
 
 _EVERYDAY: Final = (
     *("time_70_180_pct", "time_above_180_pct", "time_above_250_pct", "time_below_70_pct", "time_below_54_pct", "gri"),
@@ -201,12 +202,22 @@ class RunningMetrics(Trajectory):
     def _results(self, tally: _Tally, ended: Ended) -> Iterator[tuple[str, Any]]:
         for metric, state in zip(self._metrics, tally.states, strict=True):
             results, names = metric.finish(self, state, ended), [result.name for result in metric.results]
+            if not isinstance(results, Mapping):
+                raise Refusal(
+                    f"finish of the metric {metric.name} returns {type(results).__name__}; "
+                    "it has to return its results by name, as {'time_70_140_pct': 98.5}"
+                )
             if sorted(results) != sorted(names):
                 raise Refusal(
                     f"the metric {metric.name} gives {', '.join(sorted(results)) or 'nothing'}, but its entry says "
                     f"{', '.join(sorted(names))}; let both say the same"
                 )
-            yield from ((name, results[name]) for name in names)
+            for name in names:
+                value = results[name]
+                if isinstance(value, str | None) or np.shape(value) not in ((), np.shape(ended.finite_glucose)):
+                    has = f"has shape {np.shape(value)}" if np.shape(value) else f"is {value!r}"
+                    raise Refusal(f"{name} of the metric {metric.name} {has}; it has to be one number for each person")
+                yield name, value
 
     @property
     def takes_meals(self) -> bool:
@@ -270,7 +281,10 @@ def summarise(
     """
     times = trace.t_min.shape[0], trace.fine_t_min
     sample_min = None if is_traced(times[1]) else float(times[1][-1]) / times[0]
-    result: Metrics = _summarised(trace, limits, lowest_glucose_mg_dl, tuple(metrics), sample_min)
+    try:
+        result: Metrics = _summarised(trace, limits, lowest_glucose_mg_dl, tuple(metrics), sample_min)
+    except NEED_VALUES as error:
+        raise ArgumentTypeError(needs_values(f"the metric {' or '.join(metrics)}", error)) from None
     return result
 
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple, S
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop._representation import represented
 from glucoloop.component.effects import TIME_OF_DAY, Need
-from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, Role, wired
+from glucoloop.component.pytree_component import DATA, HOST, PytreeComponent, Role, same_parts, wired
+from glucoloop.component.request import Request
 from glucoloop.component.routes import INTRAVENOUS, ROUTES, SUBCUTANEOUS, PumpRange, route_of
 from glucoloop.component.setting import About, Default, Tunings, known_names
 from glucoloop.patients.protocol import Inputs
@@ -144,6 +145,24 @@ class PatientComponent(PytreeComponent):
     """Constants of one person, or of people, who trail where they vary."""
     basal_insulin_mU_min: jax.Array = wired(DATA, default=None)
     setpoint_mg_dl: jax.Array = wired(DATA, default=None)
+
+    def as_request(self) -> Request[Self]:
+        """The request from which the same patient is made; Refusal for constants that no name stands for."""
+        if self.parameters is None:
+            return super().as_request()
+        for point in self.operating_points:
+            if not type(self).at_operating_point(point.name)._differs(self):
+                return dataclasses.replace(self.request, explicit={**self.explicit, "operating_point": point.name})
+        raise Refusal(
+            f"the patient {self.display_name} has constants, or a steady state, that are of none of its operating "
+            "points, and a configuration names its people. Give a name, with person= for one of a population or of a "
+            "table, or use gl.simulate, which takes a patient as it is"
+        )
+
+    def _differs(self, other: PatientComponent) -> bool:
+        """Whether another object is another person, or rests elsewhere."""
+        names = ("parameters", "basal_insulin_mU_min", "setpoint_mg_dl")
+        return not all(same_parts(getattr(self, name), getattr(other, name)) for name in names)
 
     def uses(self) -> frozenset[Need]:
         """A patient uses the time of day whose equations follow the clock."""

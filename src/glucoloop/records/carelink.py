@@ -104,7 +104,6 @@ class CareLink(ReaderComponent, name="carelink"):
             pl.when(~pl.col(name).str.starts_with(_RULE)).then(name) for name in _COLUMNS if name != "device"
         )
         spoilt = pl.concat([table.spoilt for _, table in sections])
-        frame = frame.with_columns(pl.when(pl.lit(spoilt).is_null()).then(name) for name in _COLUMNS)
         times, notes = times_of(frame.select(pl.concat_str("date", "clock", separator=" ")).to_series(), answers)
         if by_words is None:
             notes.append("Its language is not known here: its columns were taken by their place, as in all languages.")
@@ -171,12 +170,13 @@ def _sections(text: str, header: int, delimiter: str) -> list[tuple[str, CellTab
     device, lines = "Medtronic", list[str]()
     every = text.split("\n")
     first = every[header].partition(delimiter)[0]
-    for line in [*every, _RULE]:
+    for number, line in enumerate([*every, _RULE]):
         if line.lstrip('"').startswith(_RULE):
             if len(result) == _MAX_SECTIONS:
                 raise Refusal(f"it has more than {_MAX_SECTIONS} sections of devices; divide it")
             if lines:
-                result.append((device, table_of("\n".join(lines), delimiter)))
+                end = "\n" if number < len(every) else ""  # the last section may be cut off
+                result.append((device, table_of("\n".join(lines) + end, delimiter)))
             device, lines = kind_of(line, "Medtronic"), []
         elif lines or line.startswith(f"{first}{delimiter}"):
             lines.append(line)

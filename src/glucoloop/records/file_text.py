@@ -7,7 +7,7 @@ import functools
 import io
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -44,6 +44,10 @@ _MARKS: Final = (
 )
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=.?"?[ \t]*\n')
 """First line by which a spreadsheet is told what divides the fields."""
+_NUMBER: Final = re.compile(r"-?[0-9]+(?:[.,][0-9]*)?")
+_CUT_OFF: Final = "a last row that is cut off"
+_COMPARED: Final = 50
+"""Number of last lines that are compared with each other."""
 _EXTRA: Final = ("more 1", "more 2")
 """Columns for fields beyond those of the header."""
 _FIELD_END: Final = "\0"
@@ -243,6 +247,7 @@ class CellTable:
     """Rows of a table as texts, its blank lines left out."""
 
     frame: pl.DataFrame
+    """Cells of each row; all are null in one that is spoilt."""
     spoilt: pl.Series
     """Reason for which nothing in a row can be used, in words what such rows are; null for a good row."""
     notes: tuple[str, ...] = ()
@@ -275,6 +280,9 @@ def table_of(text: str, delimiter: str) -> CellTable:
     body = (_BLANK_LINES.sub("\n", body) if _BLANK_LINES.search(body) else body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()
+    cut = None if text.endswith("\n") else _cut_off(body, delimiter)
+    if cut and body.count('"') % 2:
+        body += '"'
     frame = _frame(body, delimiter, names, '"')
     quoted = '"' in body
     lines = body.split("\n") if quoted or body.count(delimiter) != (len(names) - 1) * (body.count("\n") + 1) else []
@@ -284,13 +292,12 @@ def table_of(text: str, delimiter: str) -> CellTable:
         notes = ("Quotes in the file do not close; it was read as if there were none.",)
     if frame is None:
         raise Refusal("it is no whole table; export it again")
-    cut = len(counts) > 1 and counts[-1] < counts[-2] and not text.endswith("\n")
     too_many = frame.select(pl.any_horizontal(pl.col(_EXTRA).is_not_null())).to_series()
-    if not quoted and len(counts) == frame.height and counts.head(len(counts) - cut).n_unique() > 1:
+    if not quoted and len(counts) == frame.height and counts.head(len(counts) - bool(cut)).n_unique() > 1:
         too_many |= counts > len(names) - 1  # as where a decimal comma divides a number in two
     reason = (
-        pl.when(pl.lit(cut) & (pl.int_range(pl.len()) == pl.len() - 1))
-        .then(pl.lit("a last row that is cut off"))
+        pl.when(pl.lit(cut is not None) & (pl.int_range(pl.len()) == pl.len() - 1))
+        .then(pl.lit(cut))
         .when(pl.lit(too_many))
         .then(pl.lit("rows with more fields than the header"))
     )
@@ -301,7 +308,42 @@ def table_of(text: str, delimiter: str) -> CellTable:
     )
     if frame.select(maybe.any()).item():
         frame = frame.filter(~pl.all_horizontal(cells.is_null() | (cells.str.strip_chars() == "")))
-    return CellTable(frame.select(names), frame["_spoilt"], notes)
+    spoilt = frame["_spoilt"]
+    if spoilt.null_count() < len(spoilt):
+        frame = frame.with_columns(
+            pl.when(pl.col("_spoilt").is_null()).then(pl.col(name)).alias(name) for name in names
+        )
+    return CellTable(frame.select(names), spoilt, notes)
+
+
+def _cut_off(body: str, delimiter: str) -> str | None:
+    """Reason to leave out the last row of a table that does not end with a line end, which may be that of a part.
+
+    Its last cell is compared with those above: a part of a number is another number, and one of a name another name.
+    """
+    *above, last = body.rsplit("\n", _COMPARED)[-_COMPARED:]
+    if last.count('"') % 2 and body.count('"') % 2:
+        return _CUT_OFF
+    if not above:
+        return None
+    cell, *cells = (line.rpartition(delimiter)[2].strip(' "') for line in (last, *reversed(above)))
+    fewer = last.count(delimiter) < above[-1].count(delimiter)
+    part_of_name = 0 < len(cell) < len(cells[0]) and cells[0].startswith(cell)
+    if fewer or part_of_name or (_NUMBER.fullmatch(cell) and _fewer_decimals(cell, cells)):
+        return _CUT_OFF
+    fewer_digits = cell.isdecimal() and cells[0].isdecimal() and len(cell) < len(cells[0]) and int(cell) > 0
+    return "a last row that may be cut off" if fewer_digits else None
+
+
+def _fewer_decimals(number: str, others: Sequence[str]) -> bool:
+    """Whether a number ends with a decimal point, or has fewer decimals than each of the others has."""
+    if not number[-1].isdecimal():
+        return True
+    others = [other for other in others if other]
+    if len(others) < 2 or not all(map(_NUMBER.fullmatch, others)):
+        return False
+    own, *decimals = (len(re.split("[.,]", text)[1]) if re.search("[.,]", text) else 0 for text in (number, *others))
+    return own < min(decimals)
 
 
 def _whole_lines(counts: pl.Series, delimiters: int) -> int:

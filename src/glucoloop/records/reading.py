@@ -327,6 +327,9 @@ def reader_of(content: FileText, answers: Answers) -> ReaderComponent:
     if result:
         names = [reader.name for reader in result]
         raise Refusal(f"it could be read by {' and by '.join(names)}", f"say which with reader={names[0]} (--reader)")
+    begins = content.text.lstrip()[:1]
+    if begins in ("[", "{") and content.json is None and content.items is None:
+        raise Refusal("it begins like JSON, and breaks off or is damaged; give the whole file as it was exported")
     program = program_of("\n".join(content.head))
     form = f"; it names {program}, and has a form or a language that is not known here" if program else ""
     raise Refusal(
@@ -339,10 +342,8 @@ def _seen(content: FileText) -> str:
     """Words on what a file holds, without anything from its cells."""
     text = content.text.lstrip()
     if text[:1] in ("[", "{"):
-        value = content.json
-        if value is None:
-            return "it begins like JSON and is no whole JSON"
-        return f"it is JSON, {'one object' if isinstance(value, dict) else f'a list of {len(value)}'}"
+        value = content.json if content.json is not None else content.items
+        return f"it is JSON, {'one object' if isinstance(value, dict) else f'a list of {len(value or [])}'}"
     if text.startswith("<"):
         return "it is XML or HTML"
     lines = content.text.count("\n") + 1

@@ -111,11 +111,16 @@ def _at_once(delivered: str | None, extended: str | None, requested: str | None)
 
 
 def _sections(text: str) -> list[str]:
-    """Text of each section, which begins with its header; the header has as many fields as the first row."""
+    """Text of each section, which begins with its header; the header has as many fields as the first row.
+
+    One that ends in the file ends with a line end.
+    """
     result: list[list[str]] = []
     inside = False
     for line in text.split("\n"):
         if not line.strip(' ",;\t'):
+            if inside:
+                result[-1].append("")
             inside = False
         elif line.lstrip('"').startswith(("DeviceType,", "Type,", 'DeviceType"', 'Type"')) and "DateTime" in line:
             if len(result) == _MAX_SECTIONS:

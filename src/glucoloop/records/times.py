@@ -34,6 +34,8 @@ _OTHERWISE: Final = (
     (r"(\d[-./ ])([a-z]{3})[a-z]*\.?([-./ ])", "$1$2$3"),  # a month in full
 )
 """Ways to write a time, each with one that the pattern has; they are tried where the pattern does not fit."""
+_HALF_DAY: Final = 12
+"""Hours of a clock that needs AM and PM."""
 YEARS: Final = (1000, 9998)
 """First and last year of a time: a study shifts its dates by as much as it likes."""
 
@@ -49,6 +51,7 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
         whole = texts.str.to_datetime(written, time_unit="us", strict=False)
         sound = whole.drop_nulls().dt.year().is_between(*YEARS).all()
         if sound and whole.null_count() == texts.null_count():  # as most files have them, and many times faster
+            _refuse_half_a_clock(whole)
             return whole.to_frame("time").with_columns(in_utc=pl.lit(False), utc_offset_min=pl.lit(None, pl.Int32)), []
     texts, midnights = _with_midnights(texts)
     parts = _parts(texts)
@@ -84,12 +87,30 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
     # The thirtieth of February is no day: it must not become one of March.
     time = pl.when(date.dt.month() == pl.col("month").cast(pl.Int8)).then(date + since)
     result = parts.select(time=time.cast(TIME), utc_offset_min="offset")
+    _refuse_half_a_clock(result["time"])
     in_utc = pl.col("utc_offset_min").is_not_null()
     return result.select(
         time=pl.col("time") - pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us"),
         in_utc=in_utc,
         utc_offset_min=pl.when(pl.col("utc_offset_min") != 0).then("utc_offset_min"),
     ), notes
+
+
+def _refuse_half_a_clock(times: pl.Series) -> None:
+    """Refuse times of a clock of 12 hours without AM and PM: no hour is 0 or above 12, and 1 follows on 12 in a day."""
+    times = times.drop_nulls()
+    hours = times.dt.hour()
+    if hours.n_unique() != _HALF_DAY or hours.min() != 1 or hours.max() != _HALF_DAY:
+        return
+    dates, before = times.dt.date(), hours.shift()
+    same_day = dates == dates.shift()
+    forward = (same_day & (before == _HALF_DAY) & (hours == 1)).sum() if dates[0] <= dates[-1] else 0
+    backward = (same_day & (before == 1) & (hours == _HALF_DAY)).sum() if dates[0] >= dates[-1] else 0
+    if max(forward, backward) >= 2:
+        raise Refusal(
+            "its times are of a clock of 12 hours without AM or PM: none is before 01:00 or after 12:59, and in a day "
+            "01:00 comes after 12:59; export it with a clock of 24 hours, or with AM and PM"
+        )
 
 
 def _parts(texts: pl.Series) -> pl.DataFrame:

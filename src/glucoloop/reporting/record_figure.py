@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from glucoloop.display_units import other_value
+from glucoloop.metrics.readings.given import GLUCAGON
 from glucoloop.reporting._style import (
     BOUND,
     FONT_PT,
@@ -19,7 +20,7 @@ from glucoloop.reporting._style import (
     new_figure,
     write,
 )
-from glucoloop.reporting.record_groups import GLUCAGON, Goals, Reported
+from glucoloop.reporting.record_groups import Goals, Reported
 from glucoloop.reporting.record_page import MAX_IN_FULL, top_of_axis_mg_dl
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
@@ -61,10 +62,11 @@ def _draw_profile(axes: Axes, record: Reported, goals: Goals, top: float) -> Non
     draw_bands(axes, profile.t_min / MIN_PER_H, bands, of[50], line_style(0))
     axes.set(xlim=(0.0, 24.0), ylim=(40.0, top), ylabel="Glucose (mg/dl)")
     title = f"{record.label}, {record.dates}"
-    if record.glucagon:
-        hours = [dose.clock_min % MIN_PER_DAY / MIN_PER_H for dose in record.glucagon]
+    glucagon_min = record.glucagon_ug.clock_min
+    if glucagon_min.size:
+        hours = glucagon_min % MIN_PER_DAY / MIN_PER_H
         edge = axes.get_xaxis_transform()
-        axes.plot(hours, [0.96] * len(hours), "v", transform=edge, markersize=3.5, markeredgewidth=0, color="#444444")
+        axes.plot(hours, [0.96] * hours.size, "v", transform=edge, markersize=3.5, markeredgewidth=0, color="#444444")
         title += f"; triangles: glucagon, {record.numbers[GLUCAGON]:.0f} ug a day"
     axes.set_title(literal(title), fontsize=FONT_PT, loc="left")
     axes.xaxis.set_major_locator(every(3.0))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from glucoloop.metrics.readings.catalogue import PeopleSpread, over_people
+from glucoloop.metrics.readings.given import NOTHING_GIVEN, Amounts, Given, given_numbers, known_results
 from glucoloop.metrics.readings.profile import DayProfile, day_profile
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.reporting._style import RANGE_COLOURS
@@ -128,15 +129,6 @@ GOALS: Final = {
 
 
 _MAX_WARNED: Final = 3
-GLUCAGON: Final = "glucagon_ug_day"
-
-
-class Dose(NamedTuple):
-    """A dose of glucagon."""
-
-    clock_min: float
-    """Time on the wall, in minutes since midnight of the day 0 of the readings."""
-    amount_ug: float
 
 
 @dataclass(frozen=True)
@@ -151,13 +143,13 @@ class ReportedRecord:
     """Group of people that it belongs to."""
     period: str = ""
     """Days that were asked for, in words."""
-    glucagon: Sequence[Dose] = ()
-    """Doses of glucagon from the first reading to the last."""
+    given: Given = NOTHING_GIVEN
+    """Insulin, carbohydrate and glucagon of the whole record."""
 
     @property
-    def glucagon_ug_day(self) -> float:
-        """Glucagon of a day."""
-        return sum(dose.amount_ug for dose in self.glucagon) / self.numbers["days"]
+    def glucagon_ug(self) -> Amounts:
+        """Doses of glucagon from the first reading to the last."""
+        return self.given.glucagon_ug.within(self.readings)
 
     @property
     def dates(self) -> str:
@@ -189,9 +181,9 @@ class ReportedGroup:
         return how_many(len(self.records), "person", "people")
 
     @property
-    def glucagon(self) -> list[Dose]:
+    def glucagon_ug(self) -> Amounts:
         """Doses of all."""
-        return [dose for record in self.records for dose in record.glucagon]
+        return Amounts.of_all(record.glucagon_ug for record in self.records)
 
     @functools.cached_property
     def spreads(self) -> Mapping[str, PeopleSpread]:
@@ -217,11 +209,14 @@ class ReportedGroup:
 Reported = ReportedRecord | ReportedGroup
 
 
-def with_glucagon(records: Sequence[ReportedRecord]) -> list[ReportedRecord]:
-    """Records with the number of glucagon a day where any of them has a dose, and else as they are."""
-    if not any(record.glucagon for record in records):
-        return list(records)
-    return [replace(one, numbers={**one.numbers, GLUCAGON: one.glucagon_ug_day}) for one in records]
+def with_given(records: Sequence[ReportedRecord]) -> list[ReportedRecord]:
+    """Records with the numbers of insulin, carbohydrate and glucagon that any of them tells."""
+    numbers = [given_numbers(one.given, one.readings) for one in records]
+    names = [result.name for result in known_results(numbers)]
+    return [
+        replace(one, numbers={**one.numbers, **{name: of[name] for name in names}})
+        for one, of in zip(records, numbers, strict=True)
+    ]
 
 
 def groups_of(records: Sequence[ReportedRecord]) -> list[ReportedGroup]:

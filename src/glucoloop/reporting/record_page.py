@@ -22,12 +22,12 @@ from glucoloop.metrics.metric import Result
 from glucoloop.metrics.readings.catalogue import MEASURES, PeopleSpread
 from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, glucose_episodes
+from glucoloop.metrics.readings.given import GIVEN, SECTION
 from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile, by_time_of_day
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
 from glucoloop.reporting.charts import GLUCOSE, Panel, Plot, PlottedQuantity
 from glucoloop.reporting.columns import MetricRow, in_other_unit
 from glucoloop.reporting.record_groups import (
-    GLUCAGON,
     HIGHEST_CV_PCT,
     MIN_ACTIVE_PCT,
     MIN_DAYS,
@@ -106,12 +106,11 @@ def record_page(
         rows=number_rows(records) if full else [],
         definitions=[
             *((result.title.strip(), result.summary) for measure in MEASURES for result in measure.results),
-            *([(_GLUCAGON.title, _GLUCAGON.summary)] if GLUCAGON in records[0].numbers else []),
+            *((result.title.strip(), result.summary) for result in _known(records)),
         ],
     )
 
 
-_GLUCAGON: Final = Result(GLUCAGON, "Glucagon in a day of 24 h, as entered.", "Glucagon", "ug a day")
 _GLUCAGON_OF_HOUR: Final = PlottedQuantity("Glucagon", "ug/h", "", 0.0, 0.01, 1)
 
 
@@ -124,7 +123,12 @@ def number_columns(records: Sequence[ReportedRecord]) -> list[str]:
 def number_rows(records: Sequence[ReportedRecord]) -> list[MetricRow]:
     """Rows with all metrics, a value for each record; of two records also the second less the first."""
     rows = [_row(measure.section, result, records) for measure in MEASURES for result in measure.results]
-    return [*rows, _row("Glucagon", _GLUCAGON, records)] if GLUCAGON in records[0].numbers else rows
+    return [*rows, *(_row(SECTION, result, records) for result in _known(records))]
+
+
+def _known(records: Sequence[ReportedRecord]) -> list[Result]:
+    """Numbers of insulin, carbohydrate and glucagon that the records have."""
+    return [result for result in GIVEN if result.name in records[0].numbers]
 
 
 def _row(section: str, result: Result, records: Sequence[ReportedRecord]) -> MetricRow:
@@ -192,6 +196,7 @@ def _record(record: ReportedRecord, goals: Goals, *, alone: bool) -> dict[str, A
         "times": list(_times(record, goals)),
         "plot": _profile_plot(record, [record], goals),
         "percentiles": list(_percentile_rows(record.profile)),
+        "given": _given_rows(record),
         "days": [_day(record, int(day), goals, _MAX_POINTS[alone]) for day in latest],
         "all_days": days.size,
         "weekday": _weekday(readings, int(latest[0])),
@@ -211,6 +216,16 @@ def _statistics(record: ReportedRecord, goals: Goals) -> Iterator[tuple[str, str
         elif number.result == "gri":
             text = f"{text}, zone {gri_zone(value)}"
         yield number.title, text, other, number.goal, number.reached(value) if number.reached else None
+
+
+def _given_rows(record: ReportedRecord) -> list[list[str]]:
+    """Name and value with its unit of insulin, carbohydrate and glucagon."""
+    values = ((result, record.numbers[result.name]) for result in _known([record]))
+    return [
+        [result.title.strip(), f"{result.text(value)} {result.unit}".strip()]
+        for result, value in values
+        if math.isfinite(value)
+    ]
 
 
 def _of_a_day(share_pct: float) -> str:
@@ -243,7 +258,7 @@ def _weekday(readings: Readings, day: int) -> int:
 def _day(record: ReportedRecord, day: int, goals: Goals, most: int) -> dict[str, Any]:
     """Path of the curve of a day, its time in the target range, and its glucagon."""
     readings = record.readings
-    doses = [dose for dose in record.glucagon if dose.clock_min // MIN_PER_DAY == day]
+    glucagon = record.glucagon_ug.of_day(day)
     chosen = slice(*np.searchsorted(readings.day, [day, day + 1]))
     t, glucose = readings.clock_min[chosen] - MIN_PER_DAY * day, readings.glucose_mg_dl[chosen]
     low, high = goals.target_mg_dl
@@ -252,8 +267,8 @@ def _day(record: ReportedRecord, day: int, goals: Goals, most: int) -> dict[str,
         "name": readings.date(day),
         "within": percent(within),
         "path": _path(t, glucose, most),
-        "glucagon": f"{sum(dose.amount_ug for dose in doses):.0f} ug of glucagon" if doses else "",
-        "doses": "".join(f"M{_DAY_SIZE[0] * (dose.clock_min / MIN_PER_DAY - day):.1f} 0v9" for dose in doses),
+        "glucagon": f"{glucagon.amount.sum():.0f} ug of glucagon" if glucagon.amount.size else "",
+        "doses": "".join(f"M{_DAY_SIZE[0] * (t_min / MIN_PER_DAY - day):.1f} 0v9" for t_min in glucagon.clock_min),
         "band": (_up(high), _up(low) - _up(high)),
         "size": _DAY_SIZE,
     }
@@ -418,10 +433,10 @@ def _profile_plot(one: Reported, records: Sequence[ReportedRecord], goals: Goals
     panel.area(profile.t_min, of[25], of[75], 0, "25 to 75 %")
     panel.line(profile.t_min, of[50], 0, name="median")
     panels = [panel]
-    if one.glucagon:
-        hours = [dose.clock_min % MIN_PER_DAY for dose in one.glucagon]
+    glucagon = one.glucagon_ug
+    if glucagon.amount.size:
         edges = MIN_PER_H * np.arange(25.0)
-        sums, _ = np.histogram(hours, edges, weights=[dose.amount_ug for dose in one.glucagon])
+        sums, _ = np.histogram(glucagon.clock_min % MIN_PER_DAY, edges, weights=glucagon.amount)
         of_a_day = sums / sum(record.numbers["days"] for record in records)
         panels.append(Panel(_GLUCAGON_OF_HOUR, (0.0, 1.05 * float(of_a_day.max())), height=110))
         panels[1].line(edges, of_a_day, 0, name="mean")

@@ -47,7 +47,14 @@ from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.minute_inputs import minute_inputs_of
 from glucoloop.simulation.plant import Integrator, MinuteInputs, SampleGrid
 from glucoloop.simulation.trace import Trace
-from glucoloop.simulation.user_objects import Fixed, apart, sample_time_of, wrong_with
+from glucoloop.simulation.user_objects import (
+    Fixed,
+    apart,
+    sample_time_of,
+    wrong_with,
+    wrong_with_pump,
+    wrong_with_sensor,
+)
 from glucoloop.units import MIN_PER_DAY
 
 Values = jax.Array | npt.NDArray[np.float64]
@@ -337,7 +344,11 @@ def closed_loop(
         on_grid = on_the_grid(scenario, grid)
         trace: Trace = _run(numbers, fixed, start, exogenous, on_grid, key)
     except (AttributeError, TypeError, ValueError):
-        wrong = wrong_with(controller, _first_observation(start, controller, scenario))
+        wrong = (
+            wrong_with_sensor(sensor, start.setpoint_mg_dl)
+            or wrong_with_pump(pump, start.insulin_mU_min)
+            or wrong_with(controller, _first_observation(start, controller, scenario))
+        )
         if wrong is None:
             raise
         raise ArgumentTypeError(wrong) from None

@@ -7,9 +7,11 @@ native code, and so would one of whose forms is wrong: the two are compared.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import inspect
 import traceback
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, cast
@@ -27,7 +29,9 @@ from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient, SemilinearPatient, inputs_of
+from glucoloop.pumps.protocol import Delivery, Pump
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.protocol import Reading, Sensor
 from glucoloop.units import MIN_PER_DAY
 
 NEED_VALUES = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
@@ -129,6 +133,9 @@ def wrong_with(controller: Controller, observation: Observation) -> str | None:
     name = type(controller).__name__
     if isinstance(controller, PytreeComponent) and not controller.is_designed():
         return f"{name} has settings and no design; make it with its method designed, or a function like gl.design_pid"
+    wrong = _uncallable(controller, {"init": ("observation",), "step": ("state", "observation")})
+    if wrong is not None:
+        return wrong
     try:
         state = jax.eval_shape(lambda observation: controller.init(observation), observation)
         answer = jax.eval_shape(lambda state, seen: controller.step(state, seen), state, observation)
@@ -140,14 +147,93 @@ def wrong_with(controller: Controller, observation: Observation) -> str | None:
     dose = decision.insulin_mU_min
     if dose.shape != observation.glucose_mg_dl.shape:
         return f"{name}.step decides on a dose of shape {dose.shape} for one person; it has to be of shape ()"
+    return _changed_state(name, "step", state, after)
+
+
+def wrong_with_sensor(sensor: Sensor, glucose_mg_dl: jax.Array) -> str | None:
+    """Reason why a user's sensor, or one inside of it, cannot be read in a loop, or None."""
+
+    def read(glucose: jax.Array, key: jax.Array) -> tuple[Any, Any]:
+        state = sensor.init(glucose, key)
+        return state, sensor.read(state, glucose, key)
+
+    names = {"init": ("glucose_mg_dl", "key"), "read": ("state", "glucose_mg_dl", "key")}
+    inner = getattr(sensor, "inner", None)
+    within = None if inner is None else wrong_with_sensor(inner, glucose_mg_dl)
+    return within or _wrong_with_device(sensor, names, read, glucose_mg_dl, Reading)
+
+
+def wrong_with_pump(pump: Pump, insulin_mU_min: jax.Array) -> str | None:
+    """Reason why a user's pump, or one inside of it, cannot deliver in a loop, or None."""
+
+    def deliver(insulin: jax.Array, key: jax.Array) -> tuple[Any, Any]:
+        state = pump.init(insulin, key)
+        return state, pump.deliver(state, insulin, key)
+
+    names = {"init": ("insulin_mU_min", "key"), "deliver": ("state", "command_mU_min", "key")}
+    inner = getattr(pump, "inner", None)
+    within = None if inner is None else wrong_with_pump(inner, insulin_mU_min)
+    return within or _wrong_with_device(pump, names, deliver, insulin_mU_min, Delivery)
+
+
+def _wrong_with_device(
+    device: Any, names: Mapping[str, tuple[str, ...]], used: Callable[..., Any], value: jax.Array, kind: type[Any]
+) -> str | None:
+    """Reason why a sensor or a pump cannot be used; `used` returns its state and what its last method returns."""
+    name, method = type(device).__name__, list(names)[-1]
+    wrong = _uncallable(device, names)
+    if wrong is not None:
+        return wrong
+    try:
+        state, answer = jax.eval_shape(used, value, jax.random.key(0))
+    except NEED_VALUES as error:
+        return needs_values(name, error)
+    if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[1], kind):
+        return (
+            f"{name}.{method} has to return its new state and a {kind.__name__}, "
+            f"(state, {kind.__name__.lower()}), and nothing else"
+        )
+    after, result = answer
+    for field in dataclasses.fields(kind):
+        part = getattr(result, field.name)
+        if part is not None and np.shape(part) not in ((), value.shape):
+            return (
+                f"{field.name} of the {kind.__name__} of {name} has shape {np.shape(part)} for one person; "
+                "it has to be of shape ()"
+            )
+    valid = getattr(result, "valid", None)
+    if valid is not None and np.dtype(getattr(valid, "dtype", type(valid))).kind == "f":
+        return f"valid of the Reading of {name} is a {valid.dtype}; give a truth, as jnp.isfinite returns"
+    return _changed_state(name, method, state, after)
+
+
+def _uncallable(part: Any, names: Mapping[str, tuple[str, ...]]) -> str | None:
+    """Reason why methods cannot be called with arguments of these names in their places, or None."""
+    name = type(part).__name__
+    for method, arguments in names.items():
+        function = getattr(part, method, None)
+        call = f"{method}({', '.join(arguments)})"
+        if not callable(function):
+            return f"{name} has no method {method}; write {call}"
+        try:
+            inspect.signature(function).bind(*arguments)
+        except TypeError as error:
+            return f"{name}.{method} is called as {call}, and does not take that: {error}"
+        except ValueError:  # a signature that cannot be known
+            continue
+    return None
+
+
+def _changed_state(name: str, method: str, state: Any, after: Any) -> str | None:
+    """Reason why a state cannot follow another one in a loop, or None."""
     before, then = jax.tree.structure(state), jax.tree.structure(after)
     if hash(before) != hash(then):
-        return f"the state of {name} changes its structure: init makes {before}, step makes {then}"
+        return f"the state of {name} changes its structure: init makes {before}, {method} makes {then}"
     for (path, old), new in zip(jax.tree_util.tree_leaves_with_path(state), jax.tree.leaves(after), strict=True):
         if (old.shape, old.dtype) != (new.shape, new.dtype):
             return (
                 f"the state of {name} changes its type{f' at {_place(path)}' if path else ''}: init makes {old.dtype} "
-                f"of shape {old.shape}, step makes {new.dtype} of shape {new.shape}; make them the same in init"
+                f"of shape {old.shape}, {method} makes {new.dtype} of shape {new.shape}; make them the same in init"
             )
     return None
 

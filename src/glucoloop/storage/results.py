@@ -9,6 +9,7 @@ import contextlib
 import functools
 import io
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ from glucoloop.schema.tables import ColumnForm, TableBounds, read_table
 from glucoloop.spreadsheet import text_cell
 from glucoloop.storage import disk
 from glucoloop.storage.files import json_text, read_text, stored_json, with_version
-from glucoloop.text import one_line
+from glucoloop.text import one_line, the_first
 from glucoloop.units import number_of
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 
 RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
+_SHOWN_COLUMNS: Final = 8
+"""Largest number of columns that a message names."""
 _MEAL_COLUMN: Final = "carbs_g"
 """Optional column of meals in a record."""
 
@@ -125,12 +128,13 @@ def _line_too_long(text: str) -> str | None:
     )
 
 
-def read_record_columns(path: Path) -> dict[str, list[object]]:
-    """Columns of a record from a CSV file, with numbers as floats; meals are last, if there are any.
+def read_record_columns(path: Path) -> tuple[dict[str, list[object]], list[int]]:
+    """Columns of a record from a CSV file, with numbers as floats and meals last, if there are any, and rows' numbers.
 
-    Further columns and empty rows are left out; a ValueError tells what is no table, or which column is missing.
+    Further columns are left out, and so are empty rows, whose place the numbers of the others keep, counted from 0; a
+    ValueError tells what is no table, or which column is missing.
     """
-    text = read_text(path, "a record")
+    text = "\n".join(re.split(r"\r\n?|\n", read_text(path, "a record")))
     first = next(iter(text.splitlines()), "")
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if separator in first and "," not in first:
@@ -146,12 +150,13 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
             raise Refusal(f"{path} has the column {column!r} twice; leave one out")
         if column not in table.columns and column != _MEAL_COLUMN:
             raise Refusal(
-                f"{path} has no column {column!r}, only {', '.join(table.columns)}; "
+                f"{path} has no column {column!r}, only {the_first(table.columns, _SHOWN_COLUMNS)}; "
                 f"its first line must name {', '.join(RECORD_COLUMNS)}"
             )
     columns = (*RECORD_COLUMNS, *({_MEAL_COLUMN} & set(table.columns)))
-    table = table.select(columns).filter(~pl.all_horizontal(pl.all().is_null()))
-    return {column: [_number(text) for text in table[column].to_list()] for column in columns}
+    filled = ~table.select(pl.all_horizontal(pl.col(columns).is_null())).to_series()
+    rows = filled.arg_true().to_list()
+    return {column: [_number(text) for text in table[column].filter(filled).to_list()] for column in columns}, rows
 
 
 def _number(text: str | None) -> object:

@@ -16,6 +16,7 @@ import logging
 import re
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -47,6 +48,8 @@ _MIN_IN_FLIGHT: Final = 4
 _CONNECT_S: Final = 30
 _MAX_LABELS: Final = 5
 """Largest number of cases that are named one by one."""
+_MAX_LINES: Final = 3
+"""Largest number of lines of an error that are repeated whole; JAX adds the traceback of a function of the user."""
 _designing = threading.Lock()
 _ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]*://[^\s/@?#]+(/[\w./-]*)?")
 """Address of a scheduler of Dask, which holds nothing that is secret."""
@@ -153,8 +156,22 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
     """A shard, computed by a worker.
 
     `version` and `identity` are those of glucoloop and of the arithmetic in the process that owns the folder; a
-    ValueError tells that the worker has others, and would compute other bits.
+    Refusal tells that the worker has others, and would compute other bits, or what went wrong. It is the only error of
+    a worker: one of another class may hold what cannot be sent, or be unknown to the process that it is sent to.
     """
+    try:
+        return _shard_on_worker(trial, index, version, identity)
+    except Refusal as error:
+        why = str(error)
+    except Exception as error:
+        summary = traceback.TracebackException(type(error), error, None)
+        summary.__notes__ = None  # JAX's, on its own traceback
+        lines = "".join(summary.format_exception_only()).strip().splitlines()
+        why = one_line(" ... ".join(lines if len(lines) <= _MAX_LINES else (lines[0], lines[-1])))
+    raise Refusal(why)
+
+
+def _shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> ComputedShard:
     from glucoloop.trials import engine
 
     if glucoloop.__version__ != version:

@@ -263,23 +263,40 @@ def tables(config: ForecastRequest, results: Results) -> Iterator[FittingTable]:
 def sentences(config: ForecastRequest, results: Results) -> Iterator[str]:
     """Comparison of the first method with the others, automation, and what the errors do not say."""
     plain = results.plain
-    first, people = plain["first"], len(plain["records"])
-    unit = "days held out" if people == 1 else "people"
-    for horizon in (plain["pooled"][0]["horizon"], DAY):
-        rows = [row for row in plain["differences"] if row["future"] == "known" and row["horizon"] == horizon]
-        if rows:
-            what = "on the day from midnight" if horizon == DAY else f"at {horizon}"
-            others = ", ".join(f"{row['method']} {_difference_text(row)}" for row in rows)
-            yield (
-                f"Difference of the error {what} from that of {first}, above 0 where {first} is better, with the "
-                f"interval of 95 % over {unit}: {others}."
-            )
+    for horizon in dict.fromkeys((plain["pooled"][0]["horizon"], DAY)):
+        yield from _comparison(plain, horizon)
     yield from _on_automation(plain["records"])
     yield (
         "A forecast says how well readings are foreseen, not how strongly insulin acts: what was not entered and what "
         "automation dosed stand between the two. It is for research, and says nothing on what a person should do."
     )
     yield from (f"{label} was not read: {why}." for label, why in (results.extra.unread if results.extra else ()))
+
+
+def _comparison(plain: dict[str, Any], horizon: str) -> Iterator[str]:
+    """Sentence on the error of the first method, and on which others err more, err less, or cannot be told from it."""
+    first, people = plain["first"], len(plain["records"])
+    rows = [row for row in plain["differences"] if row["future"] == "known" and row["horizon"] == horizon]
+    if not rows:
+        return
+    [error_mg_dl] = (
+        row["median_rmse_mg_dl"]
+        for row in plain["pooled"]
+        if (row["method"], row["future"], row["horizon"]) == (first, "known", horizon)
+    )
+    groups: dict[str, list[str]] = {"above 0 for": [], "below 0 for": [], "too near to 0 to tell for": []}
+    for row in rows:
+        low, high = row["low_mg_dl"], row["high_mg_dl"]
+        above, below = low is not None and low > 0.0, high is not None and high < 0.0
+        name = "above 0 for" if above else "below 0 for" if below else "too near to 0 to tell for"
+        groups[name].append(f"{row['method']} {_difference_text(row)}")
+    when = "On the day from midnight" if horizon == DAY else f"At {horizon}"
+    over, median = ("days held out", "") if people == 1 else ("people", f", the median over {people} people")
+    others = "; ".join(f"{name} {', '.join(texts)}" for name, texts in groups.items() if texts)
+    yield (
+        f"{when} {first} errs by {error_mg_dl:.1f} mg/dl{median}. The others' errors less that one, with the interval "
+        f"of 95 % over {over}, are {others}."
+    )
 
 
 def _difference_text(row: dict[str, Any]) -> str:
@@ -327,15 +344,22 @@ def files_of(config: ForecastRequest, results: Results) -> dict[str, bytes]:
             for future, text in _FUTURE_TEXTS.items()
         ],
         people=[] if len(people) == 1 else [(person, _by_method(own[person], "known", results)) for person in people],
-        differences=[
-            (row["method"], [(row["horizon"], row)]) for row in plain["differences"] if row["future"] == "known"
-        ],
+        differences=_differences_by_method(plain["differences"]),
         difference_columns=_DIFFERENCES if len(people) > 1 else _DIFFERENCES[:3],
         first=plain["first"],
         records=[(row["person"], [("", row)]) for row in plain["records"]],
         record_columns=_RECORDS,
     )
     return {"page.html": page.encode()}
+
+
+def _differences_by_method(rows: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, dict[str, Any]]]]]:
+    """Each method with its rows by horizon."""
+    of_method: dict[str, list[tuple[str, dict[str, Any]]]] = {}
+    for row in rows:
+        if row["future"] == "known":
+            of_method.setdefault(row["method"], []).append((row["horizon"], row))
+    return list(of_method.items())
 
 
 _DIFFERENCES: Final = (

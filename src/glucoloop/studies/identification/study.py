@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -120,8 +120,8 @@ def _from_patient(config: ModelRequest) -> _Identified:
     )
 
 
-def _columns(path: Path) -> dict[str, list[object]]:
-    """Columns of a record; the refusal of an export of a device says which commands take it."""
+def _columns(path: Path) -> tuple[dict[str, list[object]], list[int]]:
+    """Columns of a record and numbers of its rows; the refusal of an export of a device says which commands take it."""
     try:
         return read_record_columns(path)
     except Refusal:
@@ -136,9 +136,10 @@ def _columns(path: Path) -> dict[str, list[object]]:
 
 
 def _from_data(config: ModelRequest, path: Path) -> _Identified:
+    columns, rows = _columns(path)
     try:
         record, notes = record_from_samples(
-            *_columns(path).values(),
+            *columns.values(),
             sample_time_min=config.sample_time_min,
             max_gap_min=config.max_gap_min,
             allow_unusual=config.allow_unusual,
@@ -154,7 +155,7 @@ def _from_data(config: ModelRequest, path: Path) -> _Identified:
             starts_at_rest=not config.not_from_rest,
         )
     except Refusal as error:
-        raise Refusal(_with_path(str(error), path)) from error
+        raise Refusal(_with_path(str(error), path, rows)) from error
     insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
     of_meals = meal_answer(record, identification.meal_impulse_response)
     samples = f"{record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
@@ -182,6 +183,22 @@ def _from_data(config: ModelRequest, path: Path) -> _Identified:
         validation_insulin_mU_min=insulin,
         validated_on="the record itself, less the answer to meals" if of_meals.any() else "the record itself",
         notes=(f"Model: {source}.", *notes, "Checked on the record itself, since there is no other."),
+    )
+
+
+def _about_gain(identified: _Identified) -> Iterator[str]:
+    """Sentence on a gain of the model that lies outside the interval of the person's."""
+    identification = identified.identification
+    gain, reliability = float(identification.model.gain), identification.reliability
+    if not gain < 0.0 or not reliability.gain_to < 0.0 or reliability.gain_from <= gain <= reliability.gain_to:
+        return
+    more_pct = 100.0 * (0.5 * (reliability.gain_from + reliability.gain_to) / gain - 1.0)
+    functions, memory = identification.laguerre_coefficients.size, identification.model.memory
+    model = f"is a sum of {functions} Laguerre functions" if functions else f"ends after {memory} samples"
+    yield (
+        f"The model's gain lies outside the interval: the model {model}, and the interval is that of all responses "
+        "which the record leaves open, slower ones too. By the middle of it, a lasting change of insulin moves glucose "
+        f"{abs(more_pct):.1f} % {'more' if more_pct > 0.0 else 'less'} in the end than by the model."
     )
 
 
@@ -296,12 +313,12 @@ _OPTIONS_OF: Final = {
 }
 
 
-def _with_path(message: str, path: Path) -> str:
+def _with_path(message: str, path: Path, rows: Sequence[int]) -> str:
     """Sentence of the library with options in place of arguments, and the row as its file has it."""
     for word, option in _OPTIONS_OF.items():
         message = message.replace(word, option)
     row = rf"in row (\d+){re.escape(FROM_ZERO)}"
-    return re.sub(row, lambda results: f"in row {int(results[1]) + 1} of {path}, below its first line,", message)
+    return re.sub(row, lambda results: f"in row {rows[int(results[1])] + 1} of {path}, below its first line,", message)
 
 
 # ---------------------------------------------------------------------------------------------- how it is shown
@@ -311,7 +328,7 @@ def results_of(config: ModelRequest, progress: Callable[[str], None]) -> Results
     """Identify a model, and check it."""
     identified = _from_patient(config) if config.data is None else _from_data(config, Path(config.data))
     progress("the model")
-    plain = {**_plain(identified), "notes": [*identified.notes, *_warning(identified)]}
+    plain = {**_plain(identified), "notes": [*identified.notes, *_about_gain(identified), *_warning(identified)]}
     return Results(plain, {"record.csv": results.record_table(identified.record)}, identified)
 
 

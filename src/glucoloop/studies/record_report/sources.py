@@ -9,16 +9,16 @@ from typing import Final, NamedTuple
 import polars as pl
 
 from glucoloop.metrics.readings.catalogue import numbers_of
+from glucoloop.metrics.readings.given import NOTHING, NOTHING_GIVEN, Amounts, Given
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Readings
 from glucoloop.records import DeviceRecord, FileRefusal, read_people
 from glucoloop.records.reading import files_of_people
 from glucoloop.refusal import Refusal
-from glucoloop.reporting.record_groups import Dose
 from glucoloop.schema.tables import ColumnForm, TableBounds
 from glucoloop.storage.results import read_parquet, refusing_damage
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.text import how_many, printable
-from glucoloop.units import MIN_PER_DAY, S_PER_MIN
+from glucoloop.units import MIN_PER_DAY, MU_MIN_PER_U_H, MU_PER_U, S_PER_MIN
 
 
 class RecordSource(NamedTuple):
@@ -44,8 +44,8 @@ class NamedReadings(NamedTuple):
     group: str
     readings: Readings
     notes: tuple[str, ...]
-    glucagon: tuple[Dose, ...] = ()
-    """Doses of the whole record."""
+    given: Given
+    """Insulin, carbohydrate and glucagon of the whole record."""
 
 
 def sources_of(config: RecordRequest) -> list[RecordSource]:
@@ -124,7 +124,7 @@ def read(source: RecordSource, config: RecordRequest) -> Iterator[NamedReadings]
             group = source.group or (trajectory.group if source.alone else f"{source.label} {trajectory.group}".strip())
             group = group if trajectory.of_people or source.group else ""
             notes = ("A simulated course; its first minute is 0 h.",)
-            yield NamedReadings(label, group, trajectory.readings, notes, trajectory.glucagon)
+            yield NamedReadings(label, group, trajectory.readings, notes, trajectory.given)
         return
     for label, group, record in records(source, config):
         yield _named(record, label, group, source.paths)
@@ -169,10 +169,21 @@ def _named(record: DeviceRecord, label: str, group: str, paths: Sequence[Path]) 
     averaged = finite.height - readings.t_min.size
     more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
     counted = _by_count(readings)
-    given = record.frame.filter(pl.col("glucagon_ug") > 0.0)
-    clock_min = (given["time"] - readings.day_0).dt.total_seconds() / S_PER_MIN
-    glucagon = tuple(map(Dose, clock_min, given["glucagon_ug"]))
-    return NamedReadings(label, group, readings, (*record.notes, *more, *counted), glucagon)
+    clocked = record.frame.with_columns(
+        clock_min=(pl.col("time") - pl.lit(readings.day_0)).dt.total_seconds() / S_PER_MIN
+    )
+    given = Given(
+        basal_U_h=_amounts(clocked.filter(pl.col("basal_U_h").is_not_null()), "basal_U_h"),
+        **{name: _amounts(clocked.filter(pl.col(name) > 0.0), name) for name in _AMOUNTS},
+    )
+    return NamedReadings(label, group, readings, (*record.notes, *more, *counted), given)
+
+
+_AMOUNTS: Final = ("bolus_U", "long_acting_U", "carbs_g", "glucagon_ug")
+
+
+def _amounts(table: pl.DataFrame, column: str) -> Amounts:
+    return Amounts(table["clock_min"].to_numpy(), table[column].to_numpy())
 
 
 _COUNTED: Final = {
@@ -217,7 +228,7 @@ class _SimulatedCourse(NamedTuple):
     of_people: bool
     """Whether the simulation is of several people."""
     readings: Readings
-    glucagon: tuple[Dose, ...]
+    given: Given
 
 
 def _is_simulated(folder: Path) -> bool:
@@ -258,25 +269,39 @@ def _simulated_trajectories(folder: Path) -> list[_SimulatedCourse]:
         table = pl.concat(tables)
     names = [name for name in _NAMES if name in table.columns]
     parts = table.partition_by(names, as_dict=True, maintain_order=True) if names else {("the run",): table}
-    doses = _simulated_doses(folder)
+    given = _simulated_doses(folder)
     of_people = "person" in names and table["person"].n_unique() > 1
     results = []
     for key, part in parts.items():
         words = [f"person {value}" if isinstance(value, int) else str(value) for value in key]
         readings = Readings.of(part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy())
         group = " ".join(words[:-1] if "person" in names else words) or "People"
-        glucagon = tuple(map(Dose, *doses[key])) if key in doses else ()
-        results.append(_SimulatedCourse(" ".join(words), group, of_people, readings, glucagon))
+        results.append(_SimulatedCourse(" ".join(words), group, of_people, readings, given.get(key, NOTHING_GIVEN)))
     return results
 
 
-def _simulated_doses(folder: Path) -> dict[tuple[object, ...], tuple[pl.Series, pl.Series]]:
-    """Times and amounts of the glucagon of a run, or of each case of a comparison."""
+def _simulated_doses(folder: Path) -> dict[tuple[object, ...], Given]:
+    """Doses and meals of a run, or of each case of a comparison."""
     if not (folder / _TRACE).is_file():
         return {}
     table = read_parquet(folder / _TRACE, _BOUNDS)
-    if not {"t_min", "glucagon_ug"} <= {*table.columns}:
+    if not {"t_min", "insulin_mU_min", "carbs_g"} <= {*table.columns}:
         return {}
-    given = table.filter(pl.col("glucagon_ug") > 0.0)
-    parts = given.partition_by("case", as_dict=True) if "case" in given.columns else {("the run",): given}
-    return {key: (part["t_min"], part["glucagon_ug"]) for key, part in parts.items()}
+    parts = table.partition_by("case", as_dict=True) if "case" in table.columns else {("the run",): table}
+    return {key: _simulated_given(part) for key, part in parts.items()}
+
+
+def _simulated_given(trace: pl.DataFrame) -> Given:
+    def above_zero(column: str, divisor: float = 1.0) -> Amounts:
+        if column not in trace.columns:
+            return NOTHING
+        given = trace.filter(pl.col(column) > 0.0)
+        return Amounts(given["t_min"].to_numpy(), given[column].to_numpy() / divisor)
+
+    rate_U_h = trace["insulin_mU_min"].to_numpy() / MU_MIN_PER_U_H
+    return Given(
+        basal_U_h=Amounts(trace["t_min"].to_numpy(), rate_U_h),
+        bolus_U=above_zero("bolus_mU", MU_PER_U),
+        carbs_g=above_zero("carbs_g"),
+        glucagon_ug=above_zero("glucagon_ug"),
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -12,13 +13,13 @@ import polars as pl
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, glucose_episodes
+from glucoloop.metrics.readings.given import GLUCAGON, day_sums, whole_days
 from glucoloop.metrics.readings.profile import by_day
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.records import FileRefusal
 from glucoloop.refusal import Refusal
 from glucoloop.reporting.columns import FittingTable, lines_table
 from glucoloop.reporting.record_groups import (
-    GLUCAGON,
     GOALS,
     Goals,
     Reported,
@@ -26,7 +27,7 @@ from glucoloop.reporting.record_groups import (
     ReportedRecord,
     groups_of,
     warnings,
-    with_glucagon,
+    with_given,
 )
 from glucoloop.reporting.record_page import MAX_IN_FULL, SHORT_NUMBERS, number_columns, number_rows, record_page
 from glucoloop.storage.results import Results
@@ -75,7 +76,7 @@ def results_of(config: RecordRequest, progress: Callable[[int], None]) -> Result
         progress(1)
     if not records:
         raise Refusal(f"{unread[0][1]}{f' (and {len(unread) - 1} more)' if unread[1:] else ''}")
-    records = with_glucagon(records)
+    records = with_given(records)
     groups = groups_of(records)
     plain = {
         "records": [_plain(record) for record in records],
@@ -92,9 +93,7 @@ def _reported(one: NamedReadings, period: Period, *, several: bool) -> ReportedR
     chosen = _within(one.readings, period, one.label)
     text = period.text.replace("/", " to ") if several else ""
     label = f"{one.label}: {text}" if text else one.label
-    first, last = chosen.clock_min[[0, -1]]
-    glucagon = [dose for dose in one.glucagon if first <= dose.clock_min <= last]
-    return ReportedRecord(label, chosen, numbers_of(chosen), one.notes, one.group, text, glucagon)
+    return ReportedRecord(label, chosen, numbers_of(chosen), one.notes, one.group, text, one.given)
 
 
 def _on_unread(unread: Sequence[tuple[str, str]]) -> Iterator[str]:
@@ -200,9 +199,9 @@ def _file_tables(
     )
     metrics = metrics.fill_nan(None)
     days = [
-        {"record": one.label, "day": one.readings.date(day), **of, **_glucagon_of(one, day)}
+        {"record": one.label, "day": one.readings.date(day), **of, **given}
         for one in records
-        for day, of in by_day(one.readings)
+        for (day, of), given in zip(by_day(one.readings), _given_by_day(one), strict=True)
     ]
     listed = [
         (one.label, kind, one.readings.moment(ep.t_min), ep.duration_min, ep.extreme_mg_dl, ep.extended, ep.nocturnal)
@@ -220,11 +219,28 @@ def _file_tables(
     }
 
 
-def _glucagon_of(record: ReportedRecord, day: int) -> dict[str, float]:
-    """Glucagon of a day, where there is any in the records."""
-    if GLUCAGON not in record.numbers:
-        return {}
-    return {"glucagon_ug": sum(dose.amount_ug for dose in record.glucagon if dose.clock_min // MIN_PER_DAY == day)}
+def _given_by_day(record: ReportedRecord) -> Iterator[dict[str, float]]:
+    """Insulin, carbohydrate and glucagon of each day with numbers, where the records tell them."""
+    whole = set(whole_days(record.readings))
+    days = [day for day, _ in by_day(record.readings)]
+    for day, sums in day_sums(record.given, days).items():
+        known = {name: value if day in whole else math.nan for name, value in sums.items()}
+        glucagon_ug = float(record.glucagon_ug.of_day(day).amount.sum())
+        yield {
+            **{name: known[name] for name, number in _BY_DAY.items() if number in record.numbers},
+            **({"glucagon_ug": glucagon_ug} if GLUCAGON in record.numbers else {}),
+        }
+
+
+_BY_DAY: Final = {
+    "insulin_U": "insulin_U_day",
+    "basal_U": "basal_pct",
+    "bolus_U": "bolus_U_day",
+    "boluses": "boluses_day",
+    "carbs_g": "carbs_g_day",
+    "carb_entries": "carb_entries_day",
+}
+"""Sums of a day, and the number of the record without which they stand in no table."""
 
 
 def _groups_table(groups: Sequence[ReportedGroup], goals: Goals) -> pl.DataFrame:
