@@ -247,7 +247,8 @@ def fall_mg_dl_U(patient: str, seed: int, mean_mg_dl: float) -> float:
     prior = prior_of(people)
     extended, values = ExtendedPatient.of(people, prior), virtual_people(people, seed, [seed]).draw.values
     p = np.zeros(extended.coordinates)
-    p[: len(prior.parameters)] = prior.coordinates({name: value[0] for name, value in values.items()})
+    own = {**patient_entry(patient).nominal, **{name: value[0] for name, value in values.items()}}
+    p[: len(prior.parameters)] = prior.coordinates({name: own[name] for name in prior.parameters})
     return extended.fall_mg_dl_U(p, working_mg_dl(mean_mg_dl))
 
 

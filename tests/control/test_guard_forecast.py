@@ -92,19 +92,73 @@ def test_a_meal_bolus_that_a_low_reading_withholds_is_given_when_glucose_is_back
     assert 60.0 / 11.0 * 0.7 < due / 1000.0 <= 60.0 / 11.0
     assert statuses[2] == Status.SUSPENDED
     assert rates[2] == 0.0
-    extra = boluses + EVERY * np.maximum(rates - BASAL, 0.0)
-    np.testing.assert_allclose(owed[2:] + np.cumsum(extra[2:]), due)
+    extra, owes = boluses + EVERY * np.maximum(rates - BASAL, 0.0), owed[2:] > 0.0
+    np.testing.assert_allclose((owed[2:] + np.cumsum(extra[2:]))[owes], due)
     assert owed[-1] == 0.0
+    # and the basal insulin that was withheld meanwhile, as far as it is not forgotten
+    withheld = EVERY * np.sum(np.maximum(BASAL - rates, 0.0))
+    assert due + 0.5 * withheld < extra.sum() <= due + withheld
 
 
 def test_what_is_owed_lapses():
     samples = int(SETTINGS.owed_min / EVERY)
     readings = [70.0, 62.0, *(63.0 + 0.1 * (np.arange(samples) % 2)), *np.linspace(70.0, 130.0, 6)]
     carbs = [0.0, 60.0, *np.zeros(len(readings) - 2)]
-    _, boluses, _, owed = followed(around_basal_bolus(), readings, carbs)
+    rates, boluses, _, owed = followed(around_basal_bolus(), readings, carbs)
     assert owed[samples] > 3000.0
     np.testing.assert_array_equal(owed[samples + 1 :], 0.0)
-    np.testing.assert_array_equal(boluses, 0.0)
+    # what is left of the basal insulin that was withheld in these hours, and nothing of the meal's
+    left_mU = BASAL * SETTINGS.owed_min * (1.0 - np.exp(-1.0))
+    np.testing.assert_array_equal(rates[1 : samples + 1], 0.0)
+    assert boluses.sum() <= left_mU * 1.05 < 3000.0
+
+
+def test_withheld_basal_insulin_is_given_above_the_target_alone():
+    falls = 150.0 - 4.0 * np.arange(14)
+    for back, given in ((300.0, True), (112.0, False)):
+        readings = [*falls, *np.linspace(falls[-1], back, 24)]
+        rates, boluses, _, owed = followed(around_basal_bolus(), readings, np.zeros(len(readings)))
+        np.testing.assert_array_equal(owed, 0.0)
+        extra, withheld = boluses.sum(), EVERY * np.sum(BASAL - rates)
+        assert withheld > 0.0
+        # basal-bolus itself corrects above 180 mg/dl, by what the reading exceeds the target, less what is on board
+        before = extra if back < 180.0 else boluses[: int(np.argmax(np.array(readings) > 180.0))].sum()
+        assert (0.3 * withheld < before <= withheld) if given else before == 0.0
+
+
+def test_half_of_the_basal_rate_is_given_long_after_the_last_reading_whatever_the_forecast():
+    readings = [*(250.0 - 8.0 * np.arange(20)), *np.full(30, np.nan)]
+    guard = dataclasses.replace(around_basal_bolus(), settings=dataclasses.replace(SETTINGS, low_mg_dl=0.0))
+    rates, boluses, statuses, _ = followed(guard, readings, [60.0, *np.zeros(49)])
+    gap = statuses == Status.FALLBACK_REDUCED
+    assert gap.sum() > 5
+    assert rates[20] == 0.0
+    np.testing.assert_array_equal(rates[gap], 0.5 * BASAL)
+    np.testing.assert_array_equal(boluses[20:], 0.0)
+
+
+def test_a_reading_at_the_end_of_the_sensor_s_range_may_stay_the_same_if_it_did_not_jump_there():
+    rises, carbs = [*np.arange(110.0, 400.0, 10.0), *np.full(24, 400.0)], np.zeros(53)
+    _, boluses, statuses, _ = followed(around_basal_bolus(), rises, carbs)
+    assert Status.READING_REJECTED not in statuses
+    assert np.any(boluses[-18:] > 0.0)
+    for readings in ([*np.full(29, 110.0), *np.full(24, 400.0)], [min(reading, 390.0) for reading in rises]):
+        _, boluses, statuses, _ = followed(around_basal_bolus(), readings, carbs)
+        assert Status.READING_REJECTED in statuses
+        np.testing.assert_array_equal(boluses[-18:], 0.0)
+
+
+def test_its_filter_accepts_slower_guts_than_the_controller_s():
+    foresight = Foresight.of(SETTINGS, EVERY).with_profile(PROFILE)
+    basal = jnp.asarray(BASAL)
+    of_guard = foresight._of_basal(basal)
+    own = of_guard.replaced(filter=dataclasses.replace(of_guard.filter, slowest_log_time=0.0))
+    for forecaster, slower in ((of_guard, True), (own, False)):
+        estimate = forecaster.filter.init(forecaster.model)
+        for sample, reading in enumerate([120.0, *np.linspace(120.0, 170.0, 30)]):
+            observation = seen(reading, carbs_g=80.0 if sample == 0 else 0.0)
+            estimate, _, _ = forecaster.estimated(estimate, None, observation, basal)
+        assert (float(estimate.log_gut_time) > 0.1) == slower
 
 
 def test_without_any_insulin_to_spare_nothing_is_given():

@@ -12,7 +12,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import PROFILE, READINGS, Need
 from glucoloop.control.around import AroundAnother
-from glucoloop.control.decision import eaten_in_min, is_known, with_rescue
+from glucoloop.control.decision import eaten_in_min, is_known, target_mg_dl, with_rescue
 from glucoloop.control.design_case import check_rate
 from glucoloop.control.guard_doses import (
     MAX_BOLUS_MU,
@@ -106,6 +106,8 @@ class _Accepted(NamedTuple):
     accepted: jax.Array
     """Whether the reading is accepted."""
     jump: jax.Array
+    at_ceiling: jax.Array
+    """Whether it is the highest that the sensor shows, so that it may stay the same."""
     observation: Observation
     """Observation of the inner controller."""
     sound: jax.Array
@@ -226,7 +228,7 @@ class Guard(AroundAnother):
         allowed = largest_allowed_rate(
             doses, above, readings.unchanged_min > 0.0, own, settings, self.limits.max_change_mU_min, every
         )
-        trusted = accepted & (readings.unchanged_min <= settings.unchanged_min)
+        trusted = accepted & ((readings.unchanged_min <= settings.unchanged_min) | inputs.at_ceiling)
         allowed = jnp.where(trusted, allowed, doses.basal_mU_min)
         wanted = jnp.where(sound, decision.insulin_mU_min, doses.basal_mU_min)
         gap, long_gap = (
@@ -245,7 +247,7 @@ class Guard(AroundAnother):
         within = self._keeps(dose, delivered, lowest_start)
         dose = jnp.where(within, dose, self._clip(dose, delivered, lowest_start))
 
-        limited, bolus = wanted > allowed, None
+        limited, bolus, due = wanted > allowed, None, None
         eats = clean.announced_carbs_g > 0.0
         foresight, ahead = self.foresight, state.foresight
         if foresight is not None and ahead is not None:
@@ -259,25 +261,29 @@ class Guard(AroundAnother):
             may = jnp.where(eats, lowest >= settings.low_mg_dl, trusted & ~suspended) & ~gap
             change = self.limits.max_change_mU_min
             beside = largest_possible_rate(doses, dose, dose, change)
-            if ahead is not None:
-                requested = jnp.where(eats, requested + ahead.owed_mU, jnp.maximum(requested, ahead.owed_mU))
-            due = jnp.minimum(requested, largest_allowed_bolus(doses, beside, own, settings, change, every))
-            bolus = jnp.where(may, due, 0.0)
-            limited = limited | (requested > bolus)
+            due = requested
+            if foresight is not None and ahead is not None:
+                due, requested = foresight.requested(ahead, eats, requested)
+            largest = largest_allowed_bolus(doses, beside, own, settings, change, every)
+            bolus = jnp.where(may, jnp.minimum(requested, largest), 0.0)
+            limited = limited | (due > bolus)
         if foresight is not None and ahead is not None:
-            basal, wanted_mU = doses.basal_mU_min, dose * every + (0.0 if bolus is None else bolus)
-            most_mU = foresight.largest_dose(ahead, basal, wanted_mU)
-            # Without a forecast there is the basal rate, and no bolus. Where glucose is high no forecast takes the
-            # basal rate away: without any insulin for hours glucose would go on rising.
-            fits, passes = jnp.isfinite(most_mU), most_mU >= wanted_mU
-            high = trusted & (readings.glucose_mg_dl > foresight.settings.basal_above_mg_dl)
-            rate = jnp.minimum(dose, jnp.where(fits, jnp.maximum(most_mU / every, jnp.where(high, basal, 0.0)), basal))
-            dose = jnp.where(passes, dose, jnp.minimum(dose, self._clip(rate, delivered, lowest_start)))
-            if bolus is not None:
+            basal = doses.basal_mU_min
+            most_mU, passes = foresight.passed(ahead, basal, dose, bolus, due, target_mg_dl(clean))
+            # Without a forecast there is the basal rate, and no bolus. Where glucose is high, or unknown for long, no
+            # forecast takes the basal rate, or the part of it, away: without any insulin for hours glucose would rise.
+            high = accepted & (readings.glucose_mg_dl > foresight.settings.basal_above_mg_dl)
+            least = jnp.where(long_gap, settings.reduced_fraction, jnp.where(high, 1.0, 0.0)) * basal
+            fits = jnp.isfinite(most_mU)
+            rate = jnp.minimum(dose, jnp.where(fits, jnp.maximum(most_mU / every, least), basal))
+            cut = jnp.where(passes, dose, jnp.minimum(dose, self._clip(rate, delivered, lowest_start)))
+            limited, dose = limited | (cut < dose), cut
+            if bolus is not None and due is not None:
                 rest = jnp.where(fits, jnp.clip(most_mU - dose * every, 0.0, bolus), 0.0)
                 bolus = jnp.where(passes, bolus, rest)
-                ahead = foresight.owing(ahead, eats, due, bolus + jnp.maximum(dose - basal, 0.0) * every)
-            limited = limited | ~passes
+                extra = bolus + jnp.maximum(dose - basal, 0.0) * every
+                ahead = foresight.owing(ahead, eats, due, extra, (jnp.minimum(wanted, basal) - dose) * every)
+                limited = limited | (due > bolus)
 
         glucagon, history = decision.glucagon_ug, state.glucagon
         if glucagon is not None and history is not None:
@@ -327,6 +333,8 @@ class Guard(AroundAnother):
         counted = largest_possible_rate(state.doses, state.command_mU_min, delivered, self.limits.max_change_mU_min)
         setpoint = self._setpoint(observation, state.setpoint_mg_dl)
         pushed = jnp.abs(state.doses.on_board) > settings.stuck_on_board
+        at_ceiling = self._at_ceiling(state, observation)
+        pushed = pushed & ~at_ceiling
         readings, accepted, jump = updated_readings(
             state.readings, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
         )
@@ -349,6 +357,7 @@ class Guard(AroundAnother):
             readings=readings,
             accepted=accepted,
             jump=jump,
+            at_ceiling=at_ceiling,
             observation=clean,
             sound=sound,
             inner=before,
@@ -398,6 +407,13 @@ class Guard(AroundAnother):
         if state.bolus_mU is None or reported is None:
             return state.bolus_mU
         return jnp.where((reported >= 0.0) & (reported <= MAX_BOLUS_MU), reported, state.bolus_mU)
+
+    def _at_ceiling(self, state: _GuardState, observation: Observation) -> jax.Array:
+        """Whether a reading is the highest that the sensor shows, and it did not jump there."""
+        if self.foresight is None:
+            return jnp.zeros_like(observation.glucose_mg_dl, bool)
+        high = observation.glucose_mg_dl >= self.foresight.settings.ceiling_mg_dl
+        return high & (state.doses.sensor_jump_mg_dl <= self.settings.error_mg_dl)
 
     def _is_setpoint(self, setpoint_mg_dl: jax.Array) -> jax.Array:
         lowest, highest = self.settings.lowest_reading_mg_dl, self.settings.highest_reading_mg_dl

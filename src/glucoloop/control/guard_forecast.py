@@ -11,14 +11,20 @@ Insulin lowers glucose in the model the less, the lower glucose is: G_c falls wi
 of a time lies below G_c, and where it meets the floor G_c has not passed it. The minimum over all times, from no dose
 on, is therefore an allowed dose, and repeated from there it grows towards the largest one.
 
-Insulin of an announced meal that this forecast or a low reading withheld is owed for some time: it is offered again at
-each sample, as far as the controller does not ask for it by itself and none was given in its place.
+Insulin that was withheld is owed for some time: it is offered again at each sample, as far as the controller does not
+ask for it by itself and none was given in its place. That of an announced meal passes like any other. Basal insulin,
+which a rate told too high withholds for good reason, passes only as far as glucose stays above the target.
+
+A meal that appears slower than the model expects looks like one that was counted too large: glucose does not rise, the
+rest of the meal is no longer believed, and the basal rate is withheld for hours. So the filter of this forecast accepts
+guts that are slower than those of the controller.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import Any, Final
 
 from glucoloop._lazy_jax import jax, jnp, np
@@ -40,6 +46,8 @@ _TANGENTS: Final = 2
 """Number of times that the tangents are taken."""
 _DRIFT_DOUBT: Final = 1.0
 """Standard deviations of the learned drift under the basal rate by which glucose is taken to drift down."""
+_SLOWEST_GUT: Final = math.log(2.0)
+"""Logarithm of the longest time constant of a gut, relative to that of the controller, that is accepted."""
 _LEAST_EFFECT: Final = 1e-7
 """Effect of a dose, in mg/dl for each mU, that is taken at least."""
 
@@ -53,6 +61,8 @@ class ForesightState:
     """Insulin of announced meals that was withheld."""
     owed_for_min: jax.Array
     """Time for which it is still owed."""
+    owed_basal_mU: jax.Array
+    """Basal insulin that was withheld, as far as it is not forgotten."""
     to_come: MealsToCome | None = None
     """Announced meals that are still to be eaten; None where observations tell no time of eating."""
 
@@ -101,6 +111,7 @@ class Foresight:
             estimate=forecaster.filter.init(forecaster.model),
             owed_mU=zero,
             owed_for_min=zero,
+            owed_basal_mU=zero,
             to_come=no_meals_to_come(observation),
         )
 
@@ -113,16 +124,25 @@ class Foresight:
         estimate, to_come, _ = forecaster.estimated(state.estimate, state.to_come, observation, insulin_mU / every)
         left_min = state.owed_for_min - every
         owes = (left_min > 0.0) & (left_min <= self.settings.owed_min)
-        owes = owes & (state.owed_mU >= 0.0) & (state.owed_mU <= MAX_BOLUS_MU)
+        owes = owes & _is_bolus(state.owed_mU)
+        left = math.exp(-every / self.settings.owed_min)
         return ForesightState(
             estimate=estimate,
             owed_mU=jnp.where(owes, state.owed_mU, 0.0),
             owed_for_min=jnp.where(owes, left_min, 0.0),
+            owed_basal_mU=jnp.where(_is_bolus(state.owed_basal_mU), left * state.owed_basal_mU, 0.0),
             to_come=to_come,
         )
 
-    def largest_dose(self, state: ForesightState, basal_mU_min: jax.Array, wanted_mU: jax.Array) -> jax.Array:
+    def largest_dose(
+        self,
+        state: ForesightState,
+        basal_mU_min: jax.Array,
+        wanted_mU: jax.Array,
+        floor_mg_dl: jax.Array | float | None = None,
+    ) -> jax.Array:
         """Largest insulin of the coming sample up to the wanted one [mU]; NaN where there is no forecast."""
+        floor = self.settings.floor_mg_dl if floor_mg_dl is None else floor_mg_dl
         forecaster = self._of_basal(basal_mU_min)
         first = jnp.zeros_like(forecaster.ahead.block_min).at[0].set(1.0 / forecaster.sample_time_min)
         cautious = forecaster.filter.drifting_down(state.estimate, _DRIFT_DOUBT)
@@ -134,20 +154,61 @@ class Foresight:
         dose = jnp.zeros_like(wanted_mU)
         for _ in range(_TANGENTS):
             ahead, slope = jax.jvp(glucose, (dose,), (jnp.ones_like(dose),))
-            room = ahead - self.settings.floor_mg_dl
+            room = ahead - floor
             dose = jnp.clip(dose + jnp.min(room / jnp.maximum(-slope, _LEAST_EFFECT)), 0.0, wanted_mU)
         return dose
 
-    def owing(self, state: ForesightState, eats: jax.Array, due_mU: jax.Array, extra_mU: jax.Array) -> ForesightState:
+    def requested(self, state: ForesightState, eats: jax.Array, bolus_mU: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Bolus with what is owed of a meal in it, at most that of any pump, and the same with owed basal insulin."""
+        of_meal = jnp.where(eats, bolus_mU + state.owed_mU, jnp.maximum(bolus_mU, state.owed_mU))
+        of_meal = jnp.minimum(of_meal, MAX_BOLUS_MU)
+        return of_meal, of_meal + state.owed_basal_mU
+
+    def passed(
+        self,
+        state: ForesightState,
+        basal_mU_min: jax.Array,
+        rate_mU_min: jax.Array,
+        bolus_mU: jax.Array | None,
+        without_owed_basal_mU: jax.Array | None,
+        target_mg_dl: jax.Array,
+    ) -> tuple[jax.Array, jax.Array]:
+        """Largest insulin of the coming sample that passes [mU], and whether it is all that is wanted.
+
+        `without_owed_basal_mU` is the bolus but for owed basal insulin; both are None of a controller without boluses.
+        """
+        every = self.forecaster.sample_time_min
+        wanted_mU = rate_mU_min * every
+        if bolus_mU is None or without_owed_basal_mU is None:
+            most_mU = self.largest_dose(state, basal_mU_min, wanted_mU)
+        else:
+            most_mU = self.largest_dose(state, basal_mU_min, wanted_mU + jnp.minimum(bolus_mU, without_owed_basal_mU))
+            wanted_mU = wanted_mU + bolus_mU
+            floor = jnp.maximum(self.settings.floor_mg_dl, target_mg_dl)
+            most_mU = jnp.maximum(most_mU, self.largest_dose(state, basal_mU_min, wanted_mU, floor))
+        return most_mU, most_mU >= wanted_mU
+
+    def owing(
+        self, state: ForesightState, eats: jax.Array, due_mU: jax.Array, extra_mU: jax.Array, withheld_mU: jax.Array
+    ) -> ForesightState:
         """State after a decision.
 
-        `due_mU` is the bolus that a meal should have had of those that were allowed but for the forecast and readings,
-        and `extra_mU` all insulin that was given beyond the basal rate.
+        `due_mU` is the bolus that a meal should have had, `extra_mU` all insulin that was given beyond the basal rate,
+        and `withheld_mU` what the controller asked for and did not get, up to the basal rate.
         """
-        owed = jnp.maximum(jnp.where(eats, due_mU, state.owed_mU) - jnp.maximum(extra_mU, 0.0), 0.0)
+        of_meal, extra_mU = jnp.where(eats, due_mU, state.owed_mU), jnp.maximum(extra_mU, 0.0)
+        beyond_mU = jnp.maximum(extra_mU - of_meal, 0.0)
         return dataclasses.replace(
-            state, owed_mU=owed, owed_for_min=jnp.where(eats, self.settings.owed_min, state.owed_for_min)
+            state,
+            owed_mU=jnp.maximum(of_meal - extra_mU, 0.0),
+            owed_for_min=jnp.where(eats, self.settings.owed_min, state.owed_for_min),
+            owed_basal_mU=jnp.maximum(state.owed_basal_mU - beyond_mU, 0.0) + jnp.maximum(withheld_mU, 0.0),
         )
+
+
+def _is_bolus(insulin_mU: jax.Array) -> jax.Array:
+    """Whether insulin is as much as a pump can give at once; NaN is not."""
+    return (insulin_mU >= 0.0) & (insulin_mU <= MAX_BOLUS_MU)
 
 
 @functools.cache
@@ -161,4 +222,5 @@ def _forecaster(sample_time_min: float, horizon_min: float) -> TherapyMPC:
         kept = dataclasses.replace(
             ahead, step=jax.tree.map(lambda leaf: leaf[:steps], ahead.step), of_block=ahead.of_block[:steps]
         )
-        return forecaster.replaced(ahead=kept)
+        slow = dataclasses.replace(forecaster.filter, slowest_log_time=_SLOWEST_GUT)
+        return forecaster.replaced(ahead=kept, filter=slow)

@@ -193,7 +193,8 @@ class ForecastSettings(GuardSettings, name="forecast"):
     """The limits of the usual guard, and a forecast that every dose passes; for subcutaneous insulin.
 
     A dose passes as far as glucose stays above a floor by a cautious forecast if no insulin follows it; see
-    `control.guard_forecast`. Insulin of an announced meal that is withheld is offered again for some time.
+    `control.guard_forecast`. Insulin that is withheld, of an announced meal or of the basal rate, is offered again for
+    some time.
     """
 
     floor_mg_dl: Annotated[float, _limit("Floor under the cautious forecast of glucose.", quantity=GLUCOSE_BOUND)] = (
@@ -203,7 +204,20 @@ class ForecastSettings(GuardSettings, name="forecast"):
     basal_above_mg_dl: Annotated[
         float, _limit("Reading above which the forecast does not take the basal rate away.", quantity=GLUCOSE_BOUND)
     ] = 180.0
-    owed_min: Annotated[float, _waiting("Time for which withheld insulin of a meal is offered again.")] = 120.0
+    owed_min: Annotated[
+        float,
+        About(
+            "Time for which withheld insulin of a meal is offered again, and time constant with which withheld basal "
+            "insulin is forgotten.",
+            above=0.0,
+            at_most=10_000.0,
+            quantity=WAITING_TIME,
+        ),
+    ] = 240.0
+    ceiling_mg_dl: Annotated[
+        float,
+        _positive("Highest reading that a sensor shows; there a reading may stay the same.", quantity=GLUCOSE_BOUND),
+    ] = 400.0
 
     def uses(self) -> frozenset[Need]:
         """Needs that the guard meets; its forecast goes by announced meals, ratio and factor too."""

@@ -7,8 +7,9 @@ the gut, so that a rise is taken for a meal that goes on as meals do; an announc
 what was counted and the covariance with the error of counting.
 
 The time constant is the person's own and is learned, from meal to meal, as a share of the default one: with a gut of
-one speed, a meal that appears fast is taken for a larger meal. It is never accepted to be longer than the default one,
-since glucose that rises for longer than a meal should is then taken for the tail of a meal, and gets insulin for hours.
+one speed, a meal that appears fast is taken for a larger meal. By default it is never accepted to be longer than the
+default one, since glucose that rises for longer than a meal should is then taken for the tail of a meal, and gets
+insulin for hours. A guard asks for no insulin, and accepts more.
 
 At the start all states of glucose are wrong by one share, as those of a person at rest at another glucose are.
 
@@ -71,7 +72,7 @@ class FedEstimate:
     sensor_mg_dl: jax.Array
     """Correlated error of the sensor."""
     log_gut_time: jax.Array
-    """Logarithm of the time constant of the gut relative to the default one, at most 0."""
+    """Logarithm of the time constant of the gut relative to the default one."""
     covariance: jax.Array
     """(m, m) covariance of gut, disturbance, error of the sensor, log time, the fed states, and where gains are learned
     drift, log gain of insulin and log gain of meals, in this order."""
@@ -116,6 +117,8 @@ class FedFilter:
     """Numbers of the states of the model that appearance reaches."""
     learning: Learning | None = None
     """Errors of the profile that are learned, or None."""
+    slowest_log_time: float = static(default=0.0)
+    """Maximum logarithm of the time of a gut, relative to the default one, that is accepted."""
 
     @property
     def _estimated(self) -> tuple[int, ...]:
@@ -254,7 +257,9 @@ class FedFilter:
 
     def _bounded(self, model: ProfiledModel, estimate: FedEstimate) -> FedEstimate:
         """Estimate whose learned numbers are those that are accepted."""
-        bounded = dataclasses.replace(estimate, log_gut_time=jnp.clip(estimate.log_gut_time, _FASTEST, 0.0))
+        bounded = dataclasses.replace(
+            estimate, log_gut_time=jnp.clip(estimate.log_gut_time, _FASTEST, self.slowest_log_time)
+        )
         if self.learning is None or estimate.log_meal_gain is None:
             return bounded
         most = dict(zip(self.learning.states, (_MAX_DRIFT * model.basal_effect_mg_dl_min, _MAX_LOG_GAIN), strict=True))

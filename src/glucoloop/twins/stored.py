@@ -103,7 +103,9 @@ class StoredTwin:
             raise Refusal(
                 f"it is no twin that glucoloop wrote: {one_line(error)}; find it again with `glucoloop twin`"
             ) from None
-        return cls(patient, np.asarray(of.coordinates), factor, of.mean_mg_dl, one_line(kept.verdict), kept.predicts)
+        return cls(
+            patient, np.asarray(of.coordinates), factor, of.mean_mg_dl, f"{one_line(kept.verdict)}.", kept.predicts
+        )
 
 
 def people_of(patient: str, values: list[dict[str, float]], profile: Mapping[str, float]) -> Population:

@@ -5,9 +5,9 @@ The most likely disturbances ``w`` of `twins.extended` minimise::
     sum |w|²  +  sum (reading - glucose(w))² / variance of a reading
 
 They are found by Gauss and Newton: the difference between readings and simulated glucose is smoothed on the equations
-linearised about the steady state, by the gain of the stationary filter forwards and its adjoint backwards, and a step
-is shortened until the sum falls. The search begins where a proportional feedback on the readings, through `w_2`, keeps
-the simulation near them, however wrong the sensitivity to insulin is.
+linearised about the steady state, by the filter with the gain of each sample forwards and its adjoint backwards, and a
+step is shortened until the sum falls. The search begins where a proportional feedback on the readings, through `w_2`,
+keeps the simulation near them, however wrong the sensitivity to insulin is.
 
 References
 ----------
@@ -96,6 +96,7 @@ def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_m
         total = float((w**2).sum() + ((readings - result.seen_mg_dl)[there] ** 2).sum() / linear.reading_variance)
         return total if np.isfinite(total) else np.inf
 
+    gains = _gains(linear, there)
     pulse = np.zeros((_RESPONSE, 3))
     pulse[0, 1] = 1.0
     rise_mg_dl = float(_response(linear, pulse).max())
@@ -106,7 +107,7 @@ def explained(patient: ExtendedPatient, p: Values, record: GriddedRecord, mean_m
     if not np.isfinite(total):
         raise Refusal("the equations of the twin cannot give this record; find the twin again from these days")
     for _ in range(_SMOOTHINGS):
-        step, part = _smoothed(linear, readings - here.seen_mg_dl + _response(linear, w)) - w, 1.0
+        step, part = _smoothed(linear, gains, readings - here.seen_mg_dl + _response(linear, w)) - w, 1.0
         for _ in range(_HALVINGS):
             tried = simulated(w + part * step)
             new = cost(w + part * step, tried)
@@ -151,23 +152,46 @@ def _response(linear: Linearised, w: Values) -> Values:
     return result
 
 
-def _smoothed(linear: Linearised, signal: Values) -> Values:
+class _Gains(NamedTuple):
+    """Filter of the linearised equations from a known start, by which samples have a reading."""
+
+    gain: Values
+    """``(samples, states)`` correction by the innovation of each reading; 0 where there is none."""
+    variance: Values
+    """``(samples,)`` variance of that innovation."""
+
+
+def _gains(linear: Linearised, there: npt.NDArray[np.bool_]) -> _Gains:
+    """Gains of each sample: after a gap, and at the start, they are others than those of the stationary filter."""
+    A, c = linear.transition, linear.readout
+    covariance = np.zeros_like(A)
+    gain, variance = np.zeros((there.size, c.size)), np.ones(there.size)
+    for sample, reading in enumerate(there.tolist()):
+        covariance = A @ covariance @ A.T + linear.noise
+        if reading:
+            with_reading = covariance @ c
+            variance[sample] = c @ with_reading + linear.reading_variance
+            gain[sample] = with_reading / variance[sample]
+            covariance = covariance - np.outer(gain[sample], with_reading)
+    return _Gains(gain, variance)
+
+
+def _smoothed(linear: Linearised, gains: _Gains, signal: Values) -> Values:
     """Most likely disturbances ``(samples, 3)`` for a signal ``(samples,)``, NaN where there is none."""
-    A, c, gain = linear.transition, linear.readout, linear.gain
-    scale = float(c @ linear.predicted @ c + linear.reading_variance)
+    A, c = linear.transition, linear.readout
     state, innovation = np.zeros(c.size), np.zeros(signal.size)
-    there = np.isfinite(signal)
-    for sample in range(signal.size):
+    there = np.isfinite(signal).tolist()
+    for sample, reading in enumerate(there):
         state = A @ state
-        if there[sample]:
+        if reading:
             innovation[sample] = signal[sample] - c @ state
-            state = state + gain * innovation[sample]
-    corrected = np.eye(c.size) - np.outer(gain, c)
+            state = state + gains.gain[sample] * innovation[sample]
     adjoint, result = np.zeros(c.size), np.empty((signal.size, linear.disturbance.shape[1]))
+    scaled = innovation / gains.variance
     for sample in range(signal.size - 1, -1, -1):
         adjoint = A.T @ adjoint
         if there[sample]:
-            adjoint = corrected.T @ adjoint + c * (innovation[sample] / scale)
+            adjoint = adjoint + c * (scaled[sample] - gains.gain[sample] @ adjoint)
         result[sample] = linear.disturbance.T @ adjoint
     return result
 
