@@ -28,7 +28,7 @@ def test_a_twin_is_of_a_family(refused):
 
 
 def test_a_replay_needs_a_twin(refused, tmp_path):
-    assert "no twin is given" in refused("replay", "a.csv")
+    assert refused("replay", "a.csv").startswith("no twin is given; give the folder of `glucoloop twin`")
     assert "holds no twin.json" in refused("replay", "a.csv", "--twin", tmp_path)
     (tmp_path / "twin.json").write_text("{}")
     assert "holds no twin" in refused("replay", "a.csv", "--twin", tmp_path)

@@ -112,7 +112,7 @@ def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Result
     try:
         twin = StoredTwin.of(twin_values(config.twin))
     except Refusal as error:
-        raise error.within(str(config.twin)) from None
+        raise error.within(config.twin or "") from None
     record = record_of(config)
     if abs(config.sample_time_min - SAMPLE_MIN) > 1e-9:
         raise Refusal(f"a replay has samples of {SAMPLE_MIN:g} min, as its twin; leave --sample-time out")
