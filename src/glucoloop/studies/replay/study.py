@@ -391,7 +391,7 @@ def sentences(config: ReplayRequest, results: Results) -> Iterator[str]:
     )
     yield (
         "In simulated people of other patient models, whose true changes are known, replays had the right direction. "
-        "They said 0.6 to 0.9 of the change of mean glucose in people of the models for which they were set, and 0.2 "
+        "They said 0.5 to 0.9 of the change of mean glucose in people of the models for which they were set, and 0.2 "
         "of it in more sensitive people of another one: read a replay as a direction with a range."
     )
 
