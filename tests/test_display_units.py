@@ -7,7 +7,15 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 import glucoloop as gl
-from glucoloop.display_units import heading_shown, in_both_units, in_shown_units, other_number, showing, shown_unit
+from glucoloop.display_units import (
+    heading_shown,
+    in_both_units,
+    in_shown_units,
+    other_number,
+    rates_as_pumps_show,
+    showing,
+    shown_unit,
+)
 from glucoloop.reporting import _style
 from glucoloop.reporting.columns import Column, MetricRow, lines_table, terminal_table
 from glucoloop.units import MG_DL_PER_MMOL_L
@@ -106,3 +114,19 @@ def test_a_figure_has_round_ticks_in_the_unit_that_is_shown():
 def test_a_difference_keeps_its_sign():
     texts = [other_number(f"{value:+.1f}", value, "mg/dl") for value in (18.0182, -9.0091, 0.0)]
     assert texts == ["+1.00", "-0.50", "+0.00"]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "subcutaneous", "shown"),
+    [
+        ("mg/dl", True, ("mg/dl", "U/h")),
+        ("mmol/l", True, ("mmol/l", "U/h")),
+        ("mg/dl", False, ("mg/dl", "mU/min")),
+        ("mmol/l,mU/min", True, ("mmol/l", "mU/min")),
+    ],
+)
+def test_rates_are_as_pumps_show_them_unless_a_unit_was_chosen(chosen, subcutaneous, shown):
+    with showing(chosen):
+        with rates_as_pumps_show(subcutaneous):
+            assert (shown_unit("mg/dl"), shown_unit("mU/min")) == shown
+        assert shown_unit("mU/min") == "mU/min"

@@ -56,6 +56,18 @@ def showing(units: str) -> Iterator[None]:
         _CHOSEN.reset(token)
 
 
+@contextlib.contextmanager
+def rates_as_pumps_show(subcutaneous: bool) -> Iterator[None]:
+    """Show rates of insulin in U/h within a block where it is subcutaneous, unless a unit was chosen for them."""
+    chosen = _CHOSEN.get()
+    of_pumps = subcutaneous and not chosen & {"mU/min", "U/h"}
+    token = _CHOSEN.set(chosen | {"U/h"} if of_pumps else chosen)
+    try:
+        yield
+    finally:
+        _CHOSEN.reset(token)
+
+
 def shown_unit(unit: str) -> str:
     """Unit in which a quantity is shown, by that in which it is computed."""
     other = OTHERS.get(unit, unit)

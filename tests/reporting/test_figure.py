@@ -136,6 +136,12 @@ def test_subcutaneous_insulin_is_in_units_per_hour_with_the_target_range(quiet):
     assert "lowest allowed 60 mg/dl" not in words(plot(quiet, subcutaneous=True))
 
 
+def test_days_of_subcutaneous_insulin_begin_at_midnight(make_trace):
+    trace = make_trace(np.full(2881, 80.0))
+    assert plot(trace, subcutaneous=True).axes[1].get_xlabel() == "Time of day"
+    assert plot(trace).axes[1].get_xlabel() == "Time (days)"
+
+
 @pytest.mark.parametrize(
     ("horizon_min", "start_min", "first", "place_min"),
     [

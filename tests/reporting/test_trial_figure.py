@@ -1,5 +1,6 @@
 """What the print figure of a trial shows, and that it can be read."""
 
+import dataclasses
 import io
 import sys
 
@@ -44,14 +45,32 @@ def test_each_controller_has_its_bands_and_its_grid(report):
         assert expected in words
 
 
-def test_the_last_insulin_panel_has_an_axis_in_units_per_hour(make_report):
-    figure = plot_trial(make_report("calm", "wild", units_per_hour=True))
-    insulin = figure.axes[2:4]
-    assert [len(axes.child_axes) for axes in insulin] == [0, 1]
-    (right,) = insulin[1].child_axes
+def test_subcutaneous_insulin_is_drawn_as_the_field_draws_it(make_report):
+    vein = plot_trial(make_report("calm", "wild")).axes[2]
+    figure = plot_trial(make_report("calm", "wild", subcutaneous=True, meals=[(60.0, 40.0)]))
+    glucose, insulin = figure.axes[:2], figure.axes[2:4]
     figure.draw_without_rendering()
-    assert right.get_ylabel() == "Insulin (U/h)"
-    np.testing.assert_allclose(right.get_ylim(), 0.06 * np.array(insulin[1].get_ylim()))
+    assert [axes.get_ylabel() for axes in insulin] == ["Insulin (U/h)", "Insulin (U/h)"]
+    np.testing.assert_allclose(insulin[1].get_ylim(), 0.06 * np.array(vein.get_ylim()))
+    words = [text.get_text() for text in texts(figure)]
+    assert "70 to 180 mg/dl" in words
+    assert not any(word.startswith("lowest allowed") for word in words)
+    [meal] = [line for line in glucose[0].lines if line.get_marker() == "v"]
+    assert meal.get_xdata().tolist() == [1.0]
+    assert insulin[0].get_xlabel() == "Time (h)"
+
+
+def test_days_of_subcutaneous_insulin_are_by_the_clock(make_report):
+    def insulin_of_two_days(**fields):
+        report = make_report("calm", **fields)
+        [case] = report.cases.values()
+        longer = dataclasses.replace(case, bands_t_min=2.0 * case.bands_t_min, insulin_t_min=2.0 * case.insulin_t_min)
+        return plot_trial(dataclasses.replace(report, cases={"calm": longer})).axes[1]
+
+    insulin = insulin_of_two_days(subcutaneous=True, start_min=420.0)
+    assert insulin.get_xlabel() == "Time of day"
+    assert any(label.get_text().endswith("day 2") for label in insulin.get_xticklabels())
+    assert insulin_of_two_days().get_xlabel() == "Time (days)"
 
 
 def test_bars_are_as_long_as_the_times(report):

@@ -108,8 +108,7 @@ def mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], horizon_min: fl
         return
     divisor, upper_edge = time_axis(horizon_min, width)[0], axes.get_xaxis_transform()
     t_min = np.array([t for t, _ in meals])
-    mark: dict[str, Any] = {"linestyle": "none", "marker": "v", "markersize": 4, "color": "black", "clip_on": False}
-    axes.plot(t_min / divisor, np.ones_like(t_min), **mark, transform=upper_edge)
+    mark_times(axes, t_min / divisor)
     apart_mm = PANEL_SHARE * WIDTHS_MM[width] / horizon_min * np.diff(t_min).min(initial=np.inf)
     if apart_mm < _LINE_MM:
         return
@@ -117,6 +116,12 @@ def mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], horizon_min: fl
     upright = apart_mm < _LINE_MM / 2.0 * (max(map(len, texts)) + 1)
     for t, text in zip(t_min, texts, strict=True):
         write(axes, text, (t / divisor, 1.0), down=-4, xycoords=upper_edge, rotation=90 if upright else 0)
+
+
+def mark_times(axes: Axes, t: npt.NDArray[np.float64]) -> None:
+    """Mark times at the upper edge by triangles."""
+    mark: dict[str, Any] = {"linestyle": "none", "marker": "v", "markersize": 4, "color": "black", "clip_on": False}
+    axes.plot(t, np.ones_like(t), **mark, transform=axes.get_xaxis_transform())
 
 
 def mark_exercise(axes: Axes, bouts: Sequence[Any], horizon_min: float, width: Width) -> None:

@@ -26,7 +26,7 @@ from glucoloop.reporting.labelled_traces import (
 )
 from glucoloop.simulation import Trace
 from glucoloop.trials.people_run import PeopleRun
-from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
+from glucoloop.units import MIN_PER_DAY, mmol_l_from_mg_dl, u_h_from_mu_min
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -79,7 +79,8 @@ def plot(
         Whether insulin is subcutaneous: rates are then in U/h, as pumps show them, and the range from 70 to 180 mg/dl
         of the consensus is a band, in place of the bound on glucose.
     start_min : float, optional
-        Time of day at the start, in minutes after midnight; the axis is then that of the clock.
+        Time of day at the start, in minutes after midnight; the axis is then that of the clock. Days of subcutaneous
+        insulin begin at midnight if it is not given.
     limits : DoseLimits
         Limits of the pump.
     lowest_glucose_mg_dl : float
@@ -109,6 +110,8 @@ def plot(
     all_runs: list[PeopleRun | PlottedRun] = [*of_people.values(), *runs]
     horizon_min = max(float(run.t_min[-1]) for run in all_runs)
     figure, above, below, divisor = _style.loop_panels(horizon_min, title, width, ratio=1.6)
+    if start_min is None and subcutaneous and horizon_min > MIN_PER_DAY:
+        start_min = 0.0
     if start_min is not None:
         _style.show_clock(below, start_min, horizon_min, width)
     rates = _Rates(u_h_from_mu_min(1.0), "U/h") if subcutaneous else _Rates(1.0, "mU/min")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from glucoloop.metrics import TARGET_RANGE_MG_DL
 from glucoloop.metrics.control_variability import (
     CELLS,
     MAXIMUM_LIMITS_MG_DL,
@@ -19,7 +20,7 @@ from glucoloop.reporting._style import FONT_PT, GREY, RANGE_COLOURS, ZONE_COLOUR
 from glucoloop.reporting.charts import extent
 from glucoloop.studies.trial.report import RANGES, CaseReport, TrialReport
 from glucoloop.text import percent
-from glucoloop.units import u_h_from_mu_min
+from glucoloop.units import MIN_PER_DAY, u_h_from_mu_min
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -40,8 +41,9 @@ _BANDS: Final = ((0.01, 0.99, 0.13), (0.05, 0.95, 0.22), (0.25, 0.75, 0.36))
 def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = "double") -> Figure:
     """Draw a trial: for each controller the bands of glucose and insulin and the grid, and the times in range below.
 
-    Bands hold the middle 50, 90 and 98 % of the people at each moment, on axes that all controllers share. In the
-    grid each person is counted at the minimum and the maximum glucose, the colour on a logarithmic scale.
+    Bands hold the middle 50, 90 and 98 % of the people at each moment, on axes that all controllers share. Rates of
+    subcutaneous insulin are in U/h, with the range from 70 to 180 mg/dl and planned meals; its days are by the clock.
+    In the grid each person is counted at the minimum and the maximum glucose, the colour on a logarithmic scale.
 
     Parameters
     ----------
@@ -60,14 +62,19 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
     characters = max(12, int(_style.PANEL_SHARE * _style.WIDTHS_MM[width] / columns / _CHARACTER_MM))
     divisor, unit, tick = _style.time_axis(report.horizon_min, "single")
     cases = report.cases.values()
-    levels = [report.setpoint_mg_dl, report.lowest_glucose_mg_dl]
+    bounds = TARGET_RANGE_MG_DL if report.subcutaneous else (report.lowest_glucose_mg_dl,)
+    rate, rate_unit = (u_h_from_mu_min(1.0), "U/h") if report.subcutaneous else (1.0, "mU/min")
+    in_days = report.subcutaneous and report.horizon_min > MIN_PER_DAY
+    levels = [report.setpoint_mg_dl, *bounds]
     low, high = extent(levels, *(case.glucose_quantiles[quantile] for case in cases for quantile in (0.01, 0.99)))
-    _, most = extent([0.0], *(case.insulin_quantiles[0.99] for case in cases))
+    _, most = extent([0.0], *(rate * case.insulin_quantiles[0.99] for case in cases))
     for index, (label, case) in enumerate(report.cases.items()):
         glucose, insulin, grid = (panels[f"{kind} {index}"] for kind in ("glucose", "insulin", "grid"))
         style = {"color": _style.line_style(index)["color"], "linewidth": 1.1}
         steps_t = np.append(case.insulin_t_min, case.bands_t_min[-1])
-        stepwise = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
+        stepwise = {
+            quantile: rate * np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()
+        }
         for axes, t_min, quantiles in (
             (glucose, case.bands_t_min, case.glucose_quantiles),
             (insulin, steps_t, stepwise),
@@ -76,23 +83,34 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
             _style.draw_bands(axes, t_min / divisor, bands, quantiles[0.5], style, stepwise=axes is insulin)
             axes.set_xlim(0.0, report.horizon_min / divisor)
             axes.xaxis.set_major_locator(_style.every(tick))
+            if in_days:
+                _style.show_clock(axes, report.start_min, report.horizon_min, "single")
         setpoint = glucose.axhline(report.setpoint_mg_dl, **_style.SETPOINT, zorder=4)
-        bound = glucose.axhline(report.lowest_glucose_mg_dl, **_style.BOUND, zorder=4)
+        if report.subcutaneous:
+            meals_t = np.array([t_min for t_min, _ in report.meals if t_min < report.horizon_min])
+            _style.mark_times(glucose, meals_t / divisor)
+            bound: Artist = glucose.axhspan(*TARGET_RANGE_MG_DL, **_style.TARGET_RANGE)
+        else:
+            bound = glucose.axhline(report.lowest_glucose_mg_dl, **_style.BOUND, zorder=4)
         _draw_grid(grid, case, style["color"], characters)
         for axes in (glucose, grid):
             heading = _style.literal(textwrap.fill(label, characters))
             axes.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")
         glucose.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
         glucose.tick_params(labelbottom=False)
-        insulin.set(ylim=(0.0, 1.05 * most), xlabel=f"Time ({unit})")
-        for axes, name in ((glucose, "Glucose (mg/dl)"), (insulin, "Insulin (mU/min)"), (grid, "Maximum (mg/dl)")):
+        glucose.set_xlabel("")
+        insulin.set(ylim=(0.0, 1.05 * most), xlabel="Time of day" if in_days else f"Time ({unit})")
+        for axes, name in (
+            (glucose, "Glucose (mg/dl)"),
+            (insulin, f"Insulin ({rate_unit})"),
+            (grid, "Maximum (mg/dl)"),
+        ):
             axes.set_ylabel(name, visible=index % columns == 0)
             axes.tick_params(labelleft=index % columns == 0)
-        if report.units_per_hour and ((index + 1) % columns == 0 or index + 1 == number):
-            _style.add_axis(insulin, u_h_from_mu_min(1.0), "Insulin (U/h)")
     entries = _legend_of_bands()
     entries[f"setpoint {report.setpoint_mg_dl:g} mg/dl"] = setpoint
-    entries[f"lowest allowed {report.lowest_glucose_mg_dl:g} mg/dl"] = bound
+    words = "{:g} to {:g} mg/dl" if report.subcutaneous else "lowest allowed {:g} mg/dl"
+    entries[words.format(*bounds)] = bound
     _draw_ranges(panels["bars"], report, entries, width)
     _style.dress(*panels.values())
     figure.align_ylabels([axes for name, axes in panels.items() if name != "bars"])

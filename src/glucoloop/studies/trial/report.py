@@ -118,8 +118,8 @@ class TrialReport:
     cases: Mapping[str, CaseReport]
     """Results by label, in the order shown."""
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL
-    units_per_hour: bool = False
-    """Whether figures for print show insulin in U/h too, as for subcutaneous pumps."""
+    subcutaneous: bool = False
+    """Whether insulin is subcutaneous: figures for print then have U/h, the target range, and the clock for days."""
     meals: Sequence[tuple[float, float]] = ()
     """Planned time in min and carbohydrate in g of each meal."""
     exercise: Sequence[Exercise] = ()
