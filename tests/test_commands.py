@@ -178,3 +178,11 @@ def test_a_report_has_the_numbers_of_the_command(tmp_path):
 def test_a_figure_shows_itself_in_a_notebook():
     figure = gl.run(controller="pid", duration=60).plot()
     assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("value", [True, False])
+def test_a_place_is_no_truth(value, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(gl.Refusal, match=f"out is {value}; give the name of a place, or leave it out"):
+        gl.run(patient="hovorka-2004", controller="basal-bolus", out=value)
+    assert not list(tmp_path.iterdir())

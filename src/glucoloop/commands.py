@@ -241,6 +241,8 @@ def _text(option: CommandOption, value: Any) -> str:
         return component_text(value)
     if value is True and option.alone:
         return option.alone
+    if isinstance(value, bool) and option.metavar in ("DIR", "FILE", "FILE..."):
+        raise Refusal(f"{option.key} is {value}; give the name of a place, or leave it out")
     if isinstance(value, timedelta):
         return f"{value.total_seconds()!r}s"
     if isinstance(value, float):

@@ -316,3 +316,17 @@ def test_a_program_in_a_form_that_is_not_known_is_named(refused):
     told = refused("Name:,X\nGlooko-Bericht\nZeitpunkt,Messwert\n13.03.2024 00:03,110\n")
     assert "it names Glooko, and has a form or a language that is not known here" in told
     assert "--columns" in told
+
+
+def test_a_text_beside_a_table_in_a_zip_is_left_out_and_counted(tmp_path):
+    lines = [f"{5 * k // 60:02d}:{5 * k % 60:02d};{100 + k % 40}" for k in range(200)]
+    table = "\n".join(["Zeit;BZ", *(f"01.01.2026 {line}" for line in lines)])
+    with zipfile.ZipFile(tmp_path / "export.zip", "w") as archive:
+        archive.writestr("export.csv", table)
+        archive.writestr("readme.txt", "This is an export of your data.\nThank you.\n")
+    named = {"dates": "day-first", "glucose_unit": "mg/dl"}
+    record = gl.read_record(tmp_path / "export.zip", columns="time=Zeit,glucose_mg_dl=BZ", **named)
+    assert record.frame.height == 200
+    assert any("1 file or table" in note and "not read" in note for note in record.notes)
+    with pytest.raises(gl.Refusal, match=r"export\.csv: no line of its beginning has all of the columns Zeit, Zucker"):
+        gl.read_record(tmp_path / "export.zip", columns="time=Zeit,glucose_mg_dl=Zucker", **named)

@@ -91,6 +91,12 @@ def _recognised(
             with _refusing(file.path):
                 content = content_of(file.data)
                 own = chosen or reader_of(content, answers)
+                if file.of_many and own.name == "table" and answers.columns and not _may_be_table(content, answers):
+                    names = ", ".join(answers.columns.values())
+                    raise Refusal(
+                        f"no line of its beginning has all of the columns {names}; give the names as they stand in the "
+                        "file"
+                    )
                 with_profiles = own.with_profiles(content, answers)
         except FileRefusal as error:
             if not file.of_many:
@@ -116,6 +122,11 @@ def _recognised(
         count = how_many(len(unread), "file or table", "files or tables")
         notes = [f"{count} of the folder, ZIP or workbook that no reader knows: not read."]
     return result, answers, notes
+
+
+def _may_be_table(content: FileText, answers: Answers) -> bool:
+    """Whether a file has some of the columns that are named, or the names of a record."""
+    return AnyTable().has_columns(content, answers.columns) or AnyTable().recognised(content)
 
 
 def _refuse_names_in_no_file(files: Sequence[_Recognised], extracts: Sequence[Extract], answers: Answers) -> None:
