@@ -152,38 +152,31 @@ def wrong_with(controller: Controller, observation: Observation) -> str | None:
 
 def wrong_with_sensor(sensor: Sensor, glucose_mg_dl: jax.Array) -> str | None:
     """Reason why a user's sensor, or one inside of it, cannot be read in a loop, or None."""
-
-    def read(glucose: jax.Array, key: jax.Array) -> tuple[Any, Any]:
-        state = sensor.init(glucose, key)
-        return state, sensor.read(state, glucose, key)
-
     names = {"init": ("glucose_mg_dl", "key"), "read": ("state", "glucose_mg_dl", "key")}
-    inner = getattr(sensor, "inner", None)
-    within = None if inner is None else wrong_with_sensor(inner, glucose_mg_dl)
-    return within or _wrong_with_device(sensor, names, read, glucose_mg_dl, Reading)
+    return _wrong_with_device(sensor, names, glucose_mg_dl, Reading)
 
 
 def wrong_with_pump(pump: Pump, insulin_mU_min: jax.Array) -> str | None:
     """Reason why a user's pump, or one inside of it, cannot deliver in a loop, or None."""
-
-    def deliver(insulin: jax.Array, key: jax.Array) -> tuple[Any, Any]:
-        state = pump.init(insulin, key)
-        return state, pump.deliver(state, insulin, key)
-
     names = {"init": ("insulin_mU_min", "key"), "deliver": ("state", "command_mU_min", "key")}
-    inner = getattr(pump, "inner", None)
-    within = None if inner is None else wrong_with_pump(inner, insulin_mU_min)
-    return within or _wrong_with_device(pump, names, deliver, insulin_mU_min, Delivery)
+    return _wrong_with_device(pump, names, insulin_mU_min, Delivery)
 
 
 def _wrong_with_device(
-    device: Any, names: Mapping[str, tuple[str, ...]], used: Callable[..., Any], value: jax.Array, kind: type[Any]
+    device: Any, names: Mapping[str, tuple[str, ...]], value: jax.Array, kind: type[Any]
 ) -> str | None:
-    """Reason why a sensor or a pump cannot be used; `used` returns its state and what its last method returns."""
-    name, method = type(device).__name__, list(names)[-1]
-    wrong = _uncallable(device, names)
+    """Reason why a sensor or a pump cannot be used; `names` are the arguments of `init` and of its other method."""
+    inner = getattr(device, "inner", None)
+    wrong = None if inner is None else _wrong_with_device(inner, names, value, kind)
+    wrong = wrong or _uncallable(device, names)
     if wrong is not None:
         return wrong
+    name, method = type(device).__name__, list(names)[-1]
+
+    def used(value: jax.Array, key: jax.Array) -> tuple[Any, Any]:
+        state = device.init(value, key)
+        return state, getattr(device, method)(state, value, key)
+
     try:
         state, answer = jax.eval_shape(used, value, jax.random.key(0))
     except NEED_VALUES as error:

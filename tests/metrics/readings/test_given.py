@@ -62,6 +62,14 @@ def test_pens_have_the_basal_insulin_that_was_injected():
     assert math.isnan(days[1]["insulin_U"])
 
 
+def test_in_a_simulation_what_is_not_told_did_not_happen():
+    record = Given(basal_U_h=amounts((0.0, 1.0)), carbs_g=amounts((DAY + 480.0, 50.0)), complete=True)
+    days = day_sums(record, range(2))
+    assert days[0]["insulin_U"] == pytest.approx(24.0)
+    assert (days[0]["boluses"], days[0]["carbs_g"], days[1]["carbs_g"]) == (0.0, 0.0, 50.0)
+    assert given_numbers(record, readings(0.0, 2.0 * DAY))["basal_pct"] == pytest.approx(100.0)
+
+
 def test_of_two_rates_at_one_time_the_last_one_holds():
     record = Given(basal_U_h=amounts((0.0, 1.0), (60.0, 9.0), (60.0, 2.0)))
     assert day_sums(record, [0])[0]["basal_U"] == pytest.approx(1.0 + 46.0)

@@ -68,6 +68,8 @@ class Given:
     long_acting_U: Amounts = NOTHING
     carbs_g: Amounts = NOTHING
     glucagon_ug: Amounts = NOTHING
+    complete: bool = False
+    """Whether what is not told did not happen, as in a simulation."""
 
 
 NOTHING_GIVEN: Final = Given()
@@ -180,23 +182,21 @@ def _sums_of(given: Given, integral: _Integral | None, day: int) -> dict[str, fl
         (before_U, before_min), (after_U, after_min) = integral.at(begin), integral.at(end)
         if MIN_PER_DAY - (after_min - before_min) <= _MAX_UNKNOWN_MIN:
             by_rate = after_U - before_U
-    injected = _sum(given.long_acting_U, day)
-    parts = [amount for amount in (by_rate, injected) if math.isfinite(amount)]
+    injected, bolus, carbs = (
+        amounts.of_day(day).amount if given.complete or amounts.known_on(day) else None
+        for amounts in (given.long_acting_U, given.bolus_U, given.carbs_g)
+    )
+    parts = [amount for amount in (by_rate, _sum(injected)) if math.isfinite(amount)]
     basal = sum(parts) if parts else math.nan
-    bolus, carbs = _sum(given.bolus_U, day), _sum(given.carbs_g, day)
     return {
-        "insulin_U": basal + bolus,
+        "insulin_U": basal + _sum(bolus),
         "basal_U": basal,
-        "bolus_U": bolus,
-        "boluses": _number(given.bolus_U, day),
-        "carbs_g": carbs,
-        "carb_entries": _number(given.carbs_g, day),
+        "bolus_U": _sum(bolus),
+        "boluses": math.nan if bolus is None else float(bolus.size),
+        "carbs_g": _sum(carbs),
+        "carb_entries": math.nan if carbs is None else float(carbs.size),
     }
 
 
-def _sum(amounts: Amounts, day: int) -> float:
-    return float(amounts.of_day(day).amount.sum()) if amounts.known_on(day) else math.nan
-
-
-def _number(amounts: Amounts, day: int) -> float:
-    return float(amounts.of_day(day).amount.size) if amounts.known_on(day) else math.nan
+def _sum(amounts: Floats | None) -> float:
+    return math.nan if amounts is None else float(amounts.sum())

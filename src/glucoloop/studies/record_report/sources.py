@@ -172,14 +172,18 @@ def _named(record: DeviceRecord, label: str, group: str, paths: Sequence[Path]) 
     clocked = record.frame.with_columns(
         clock_min=(pl.col("time") - pl.lit(readings.day_0)).dt.total_seconds() / S_PER_MIN
     )
+
+    def above_zero(name: str) -> Amounts:
+        return _amounts(clocked.filter(pl.col(name) > 0.0), name)
+
     given = Given(
         basal_U_h=_amounts(clocked.filter(pl.col("basal_U_h").is_not_null()), "basal_U_h"),
-        **{name: _amounts(clocked.filter(pl.col(name) > 0.0), name) for name in _AMOUNTS},
+        bolus_U=above_zero("bolus_U"),
+        long_acting_U=above_zero("long_acting_U"),
+        carbs_g=above_zero("carbs_g"),
+        glucagon_ug=above_zero("glucagon_ug"),
     )
     return NamedReadings(label, group, readings, (*record.notes, *more, *counted), given)
-
-
-_AMOUNTS: Final = ("bolus_U", "long_acting_U", "carbs_g", "glucagon_ug")
 
 
 def _amounts(table: pl.DataFrame, column: str) -> Amounts:
@@ -304,4 +308,5 @@ def _simulated_given(trace: pl.DataFrame) -> Given:
         bolus_U=above_zero("bolus_mU", MU_PER_U),
         carbs_g=above_zero("carbs_g"),
         glucagon_ug=above_zero("glucagon_ug"),
+        complete=True,
     )
