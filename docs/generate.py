@@ -30,7 +30,7 @@ from glucoloop.firmware.safety import SafetyFile
 from glucoloop.lab import pack
 from glucoloop.metrics.metric import METRICS
 from glucoloop.metrics.readings import MEASURES
-from glucoloop.metrics.readings.given import GIVEN
+from glucoloop.metrics.readings.given import GIVEN_RESULTS
 from glucoloop.patients.catalogue import PATIENTS
 from glucoloop.reproduction.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
 from glucoloop.studies.catalogue import STUDIES
@@ -208,7 +208,7 @@ def metrics_of_records() -> str:
         for measure in MEASURES
         for result in measure.results
     ]
-    rows += [[code(result.name), result.summary, code("given.given_numbers")] for result in GIVEN]
+    rows += [[code(result.name), result.summary, code("given.given_numbers")] for result in GIVEN_RESULTS]
     return table(["Metric", "Definition", "Source, in `glucoloop.metrics.readings`"], rows)
 
 

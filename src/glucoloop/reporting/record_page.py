@@ -22,7 +22,7 @@ from glucoloop.metrics.metric import Result
 from glucoloop.metrics.readings.catalogue import MEASURES, PeopleSpread
 from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, glucose_episodes
-from glucoloop.metrics.readings.given import GIVEN, SECTION
+from glucoloop.metrics.readings.given import GIVEN_RESULTS, SECTION
 from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile, by_time_of_day
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
 from glucoloop.reporting.charts import GLUCOSE, Panel, Plot, PlottedQuantity
@@ -128,7 +128,7 @@ def number_rows(records: Sequence[ReportedRecord]) -> list[MetricRow]:
 
 def _known(records: Sequence[ReportedRecord]) -> list[Result]:
     """Numbers of insulin, carbohydrate and glucagon that the records have."""
-    return [result for result in GIVEN if result.name in records[0].numbers]
+    return [result for result in GIVEN_RESULTS if result.name in records[0].numbers]
 
 
 def _row(section: str, result: Result, records: Sequence[ReportedRecord]) -> MetricRow:

@@ -74,7 +74,7 @@ class Given:
 
 NOTHING_GIVEN: Final = Given()
 
-GIVEN: Final = (
+GIVEN_RESULTS: Final = (
     Result(
         "insulin_U_day",
         "Mean insulin of a whole day, basal and by boluses, of the days of which the record tells both.",
@@ -102,9 +102,9 @@ GIVEN: Final = (
     ),
     Result("glucagon_ug_day", "Glucagon in a day of 24 h, as entered.", "Glucagon", "ug a day"),
 )
-"""Numbers of a record that tells them."""
+"""Results of a record that tells doses or meals."""
 SECTION: Final = "Insulin and carbohydrate"
-GLUCAGON: Final = GIVEN[-1].name
+GLUCAGON: Final = GIVEN_RESULTS[-1].name
 
 
 def whole_days(readings: Readings) -> list[int]:
@@ -120,7 +120,7 @@ def day_sums(given: Given, days: Iterable[int]) -> dict[int, dict[str, float]]:
 
 
 def given_numbers(given: Given, readings: Readings) -> dict[str, float]:
-    """Numbers `GIVEN` of a record by name; NaN for what it does not tell."""
+    """Numbers `GIVEN_RESULTS` of a record by name; NaN for what it does not tell."""
     days = list(day_sums(given, whole_days(readings)).values())
     insulin = [one for one in days if math.isfinite(one["insulin_U"])]
     total_U = sum(one["insulin_U"] for one in insulin)
@@ -137,13 +137,13 @@ def given_numbers(given: Given, readings: Readings) -> dict[str, float]:
 
 
 def known_results(numbers: Sequence[Mapping[str, float]]) -> list[Result]:
-    """Results of `GIVEN` that one of some records tells; glucagon where there is any."""
+    """Results of `GIVEN_RESULTS` that one of some records tells; glucagon where there is any."""
 
     def known(name: str) -> bool:
         values = [of[name] for of in numbers]
         return any(value > 0.0 for value in values) if name == GLUCAGON else any(map(math.isfinite, values))
 
-    return [result for result in GIVEN if known(result.name)]
+    return [result for result in GIVEN_RESULTS if known(result.name)]
 
 
 def _mean(days: Sequence[Mapping[str, float]], name: str) -> float:
@@ -152,21 +152,21 @@ def _mean(days: Sequence[Mapping[str, float]], name: str) -> float:
 
 
 class _Integral(NamedTuple):
-    """Integral of the known rates, and time with a known one, up to each change and for ever after the last."""
+    """Insulin by the known rates, and time with a known one, up to each change of the rate; the last one goes on."""
 
     t_min: Floats
     amount_U: Floats
     known_min: Floats
 
     def at(self, t_min: float) -> tuple[float, float]:
-        """Both at a time."""
+        """Insulin and time up to a time, by interpolation."""
         return float(np.interp(t_min, self.t_min, self.amount_U)), float(np.interp(t_min, self.t_min, self.known_min))
 
 
 def _integral(rates: Amounts) -> _Integral | None:
     if not np.isfinite(rates.amount).any():
         return None
-    # of several rates at one time the last one holds; of the reversed ones that is the first
+    # of several rates at one time the last one holds, which is the first of the reversed ones
     t, last = np.unique(rates.clock_min[::-1], return_index=True)
     rate = rates.amount[::-1][last]
     edges = np.append(t, t[-1] + _CENTURY_MIN)
