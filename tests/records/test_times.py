@@ -9,6 +9,7 @@ import pytest
 import glucoloop as gl
 from device_files import START, clarity, every, glucose, libre, nightscout_entries
 from naming import naming
+from record_values import reading_times
 
 
 def test_dates_that_fit_both_orders_are_asked_about(read, refused):
@@ -187,6 +188,21 @@ def test_an_offset_in_the_text_of_a_time_is_known(read):
     told = read(json.dumps(entries)).frame
     assert told["time"][0] == START - timedelta(hours=1)
     assert set(told["utc_offset_min"]) == {-330}
+
+
+def test_a_few_rows_of_a_clock_that_was_not_set_are_left_out(read):
+    rows = [f"{time:%Y-%m-%d %H:%M},100" for time in every(5, 300)]
+    far = [f"{year}-01-01 00:0{n},300" for year in (1970, 2044) for n in range(1, 2)]
+    record = read("\n".join(["time,glucose_mg_dl", far[0], *rows, far[1]]))
+    assert reading_times(record) == every(5, 300)
+    assert record.left_out == {"rows that lie far from all others in time, as of a clock that was not set": 2}
+    assert any("1970-01-01 00:01, 2044-01-01 00:01" in note for note in record.notes)
+
+
+def test_two_parts_of_a_record_that_lie_years_apart_stay(read):
+    later = [time.replace(year=2026) for time in every(5, 30)]
+    rows = [f"{time:%Y-%m-%d %H:%M},100" for time in [*every(5, 300), *later]]
+    assert reading_times(read("\n".join(["time,glucose_mg_dl", *rows]))) == [*every(5, 300), *later]
 
 
 def test_gaps_are_told(read):

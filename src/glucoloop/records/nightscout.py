@@ -39,7 +39,7 @@ from glucoloop.records.nightscout_profile import SWITCH, fixed_zone, profiles_of
 from glucoloop.records.nightscout_table import is_table, items_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
-from glucoloop.records.times import TIME, from_utc, times_of
+from glucoloop.records.times import TIME, far_from_others, from_utc, times_of
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H
 
 _LOW_CODE, _HIGH_CODE = 39, 401
@@ -313,7 +313,12 @@ def _usual_events(
     about_doses = (
         item.get("eventType") and not _is_deleted(item) and (item.get("eventType") != "Note") for item in items
     )
-    rows = sorted((at, row) for row, (at, use) in enumerate(zip(instants, about_doses, strict=True)) if at and use)
+    far = far_from_others(times["time"])  # else the rates of decades would stand between them and the others
+    rows = sorted(
+        (at, row)
+        for row, (at, use, alone) in enumerate(zip(instants, about_doses, far, strict=True))
+        if at and use and not alone
+    )
     if not answers.basal_profiles or not rows:
         return []
     zone = answers.time_zone or next(iter(zones_of(answers.basal_profiles)), None) or fixed_zone(times)
