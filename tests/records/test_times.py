@@ -33,6 +33,19 @@ def test_dates_that_fit_one_order_are_read_in_it(read, order):
     assert record.frame["time"].to_list() == every(15, 200)
 
 
+def test_a_year_of_two_digits_stands_where_dates_lie_close_together(read, refused):
+    for order in ("%y-%m-%d", "%y/%m/%d", "%d-%m-%y", "%m/%d/%y", "%d.%m.%y"):
+        with naming(order):
+            assert read(libre(200, order=order)).frame["time"].to_list() == every(15, 200)
+    start = datetime(2012, 10, 10, 0, 3)
+    for order, name in (("%y-%m-%d", "year-first"), ("%d-%m-%y", "day-first")):
+        with naming(order):
+            text = libre(20, order=order, start=start)
+            assert "which could be the first or the last number" in refused(text)
+            assert read(text, dates=name).frame["time"][0] == start
+    assert "its dates have the year last" in refused(libre(20, order="%d-%m-%Y"), dates="year-first")
+
+
 def test_a_clock_of_twelve_hours_without_its_half_is_refused(read, refused):
     message = "its times are of a clock of 12 hours without AM or PM: none is before 01:00"
     for days, newest_first in ((1, False), (1, True), (3, False), (3, True)):
@@ -255,8 +268,8 @@ def test_an_unknown_time_zone_and_an_unknown_order_are_refused(refused):
     assert refused(clarity(), time_zone="Mars/Olympus") == (
         "time_zone is 'Mars/Olympus'; give the name of one, like Europe/Berlin"
     )
-    with pytest.raises(gl.Refusal, match="dates is 'year-first'; give day-first or month-first"):
-        gl.read_record("no file", dates="year-first")
+    with pytest.raises(gl.Refusal, match="dates is 'sideways'; give day-first, month-first or year-first"):
+        gl.read_record("no file", dates="sideways")
 
 
 @pytest.mark.parametrize("year", ["024", "24", "0024", "0999", "9999"])

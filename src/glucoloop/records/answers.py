@@ -14,6 +14,7 @@ from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 DAY_FIRST: Final = "day-first"
 MONTH_FIRST: Final = "month-first"
+YEAR_FIRST: Final = "year-first"
 UNITS: Final = ("mg/dl", "mmol/l")
 TARGETS: Final = (
     "time",
@@ -38,7 +39,7 @@ class Answers:
     """Answers to what a file leaves open; None and nothing where they were not given."""
 
     dates: str | None = None
-    """Order of day and month."""
+    """Order of day and month, or that a year of two digits comes first."""
     glucose_unit: str | None = None
     time_zone: str | None = None
     """Time zone of the clock on the wall, as ``Europe/Berlin``."""
@@ -57,7 +58,7 @@ class Answers:
 
     def __post_init__(self) -> None:
         for name, value, choices in (
-            ("dates", self.dates, (DAY_FIRST, MONTH_FIRST)),
+            ("dates", self.dates, (DAY_FIRST, MONTH_FIRST, YEAR_FIRST)),
             ("glucose_unit", self.glucose_unit, UNITS),
         ):
             if value is not None and value not in choices:
