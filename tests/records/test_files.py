@@ -371,3 +371,10 @@ def test_a_text_beside_a_table_in_a_zip_is_left_out_and_counted(tmp_path):
     assert any("1 file or table" in note and "not read" in note for note in record.notes)
     with pytest.raises(gl.Refusal, match=r"export\.csv: no line of its beginning has all of the columns Zeit, Zucker"):
         gl.read_record(tmp_path / "export.zip", columns="time=Zeit,glucose_mg_dl=Zucker", **named)
+
+
+def test_names_of_columns_with_a_delimiter_in_quotes(read):
+    text = 'time,"Carbs (Grams, Factor 1)",g\n2024-03-13 08:00,45,120\n'
+    columns = "time=time,carbs_g=Carbs (Grams, Factor 1),glucose_mg_dl=g"
+    [row] = read(text, columns=columns).frame.select("carbs_g", "glucose_mg_dl").rows()
+    assert row == (45.0, 120.0)

@@ -82,9 +82,12 @@ class Answers:
             raise Refusal("columns name glucose in mg/dl and in mmol/l; leave one out")
 
 
+_NEXT_PAIR: Final = re.compile(r",(?=[^,=]*=)")
+
+
 def pairs_from_text(text: str, what: str, example: str) -> dict[str, str]:
-    """Names and their texts from one like ``time=Zeit,glucose_mg_dl=BZ``."""
-    pairs = [part.partition("=") for part in text.split(",")]
+    """Names and their texts from one like ``time=Zeit,glucose_mg_dl=BZ``; a text may have commas in it."""
+    pairs = [part.partition("=") for part in _NEXT_PAIR.split(text)]
     for target, sign, name in pairs:
         if not (sign and target.strip() and name.strip()):
             raise Refusal(f"{what} are {text!r}; give them like {example}")
