@@ -45,6 +45,10 @@ _MILLIUNITS: Final = re.compile(r"(?<![A-Za-z])m(I?U|IE|UI)(?![a-z])(\s*/\s*\w+)
 _EXCHANGES: Final = re.compile(r"\b(1[0-9] ?g|BE|KE|KHE|[Ee]xchanges?|[Pp]ortions?|[Ss]ervings?|Broteinheit(en)?)\b")
 _MILLIGRAMS: Final = re.compile(r"(?i)(?<![a-z])mg(?![a-z])")
 _PER_MINUTE: Final = re.compile(r"(?i)(?<![a-z])(i?u|ie|ui)\s*(/|per)\s*(\d+\s*)?min")
+_PER_DAY: Final = re.compile(
+    r"(?i)(?<![a-z])(i?u|ie?|ui|e|units?)\s*(/|per|pro|par)\s*(d|day|tag|jour|día|giorno|dag|24\s*h)(?![a-z])"
+    r"|\b(daily|tdd|total|tagesdosis|per day|pro tag|par jour|24\s*h)\b"
+)
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
 
@@ -135,6 +139,12 @@ def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
         text = columns.get(target, "")
         other = (_MILLIGRAMS if target == "glucagon_ug" else _MILLIUNITS).search(text)
         other = other or (_PER_MINUTE.search(text) if target == "basal_U_h" else None)
+        of_day = _PER_DAY.search(text) if target == "basal_U_h" and other is None else None
+        if of_day is not None and name not in answers.file_units:
+            raise Refusal(
+                f"the column {text!r} is taken as {unit}, and its name has {of_day[0]!r}",
+                f"say its unit, as file_units='{name}=U/day' (--file-units) for the insulin of a day, or {name}=U/h",
+            )
         if other is not None and name not in answers.file_units:
             own = other[0].replace(" ", "")
             raise Refusal(

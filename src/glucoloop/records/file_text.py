@@ -46,6 +46,8 @@ _MARKS: Final = (
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=.?"?[ \t]*\n')
 """First line by which a spreadsheet is told what divides the fields."""
 _NUMBER: Final = re.compile(r"-?[0-9]+(?:[.,][0-9]*)?")
+_IN_FULL: Final = 6
+"""Number of decimals from which numbers are taken as written in full."""
 _CUT_OFF: Final = "a last row that is cut off"
 _COMPARED: Final = 50
 """Number of last lines that are compared with each other."""
@@ -337,14 +339,20 @@ def _cut_off(body: str, delimiter: str) -> str | None:
 
 
 def _fewer_decimals(number: str, others: Sequence[str]) -> bool:
-    """Whether a number ends with a decimal point, or has fewer decimals than each of the others has."""
+    """Whether a number ends with a decimal point, or has fewer decimals than each of the others has.
+
+    Numbers that a program writes in full have many decimals, not all as many: two fewer than usual are a cut then,
+    unless one in ten of the others has as few.
+    """
     if not number[-1].isdecimal():
         return True
     others = [other for other in others if other]
     if len(others) < 2 or not all(map(_NUMBER.fullmatch, others)):
         return False
     own, *decimals = (len(re.split("[.,]", text)[1]) if re.search("[.,]", text) else 0 for text in (number, *others))
-    return own < min(decimals)
+    usual = sorted(decimals)[len(decimals) // 2]
+    as_few = sum(one <= own for one in decimals)
+    return own < min(decimals) or (usual >= _IN_FULL and own <= usual - 2 and as_few <= len(decimals) / 10)
 
 
 def _whole_lines(counts: pl.Series, delimiters: int) -> int:
