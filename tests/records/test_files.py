@@ -405,3 +405,13 @@ def test_the_insulin_of_a_day_is_no_rate_of_an_hour(read, refused):
             assert words in refused(text, columns=columns)
             record = read(text, columns=columns, file_units="basal=U/day")
             assert [rate for _, rate in rates_of(record)] == pytest.approx([1.0, 25 / 24, 26 / 24, 27 / 24])
+
+
+def test_columns_of_insulin_that_are_not_named_are_told(read):
+    text = "time,glucose_mg_dl,Insulin,KH,note,Bolus\n2024-03-13 08:00,120,4,45,x,\n"
+    assert read(text).notes == ("Not used, for they are not named: the columns 'Insulin', 'KH'.",)
+
+
+def test_a_document_for_reading_is_called_so(refused):
+    assert refused(b"%PDF-1.7\n%\xe2\xe3\n").startswith("it is a PDF, made for reading; export the data themselves")
+    assert refused(r"{\rtf1\ansi a}").startswith("it is a document in RTF")

@@ -57,6 +57,8 @@ _FIELD_END: Final = "\0"
 """Sign that no text has, between fields."""
 _BEGINNING: Final = 40
 """Number of bytes of which every other one is zero where English is in UTF-16 without a mark."""
+_DOCUMENTS: Final = {b"%PDF-": "a PDF", rb"{\rtf": "a document in RTF"}
+"""What a document is by the bytes with which it begins."""
 _HEAD: Final = 20_000
 """Number of letters in which the beginning of a file is looked at."""
 
@@ -202,6 +204,9 @@ def json_of(text: str) -> Any:
 
 def content_of(data: bytes) -> FileText:
     """Text of a file in UTF-8, UTF-16 or Windows-1252; Refusal for what is no text."""
+    document = next((name for begin, name in _DOCUMENTS.items() if data[:_BEGINNING].lstrip().startswith(begin)), None)
+    if document is not None:
+        raise Refusal(f"it is {document}, made for reading; export the data themselves, as CSV or JSON")
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         try:
             return _without_nul(data.decode("utf-16"), ())

@@ -90,8 +90,10 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
         return frame
     groups = [group.sort("t") for group in parts_of(read, "source")]
     for group in groups:
-        twice = [] if group["named"].all() else _second_trajectory(group, account)
-        if len(twice):
+        if group["named"].all():
+            continue
+        twice = _second_trajectory(group, account)
+        if twice.size:
             gone = np.zeros(frame.height, dtype=bool)
             gone[twice] = True
             source = group["source"][0]
