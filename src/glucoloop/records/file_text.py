@@ -58,7 +58,7 @@ _FIELD_END: Final = "\0"
 _BEGINNING: Final = 40
 """Number of bytes of which every other one is zero where English is in UTF-16 without a mark."""
 _DOCUMENTS: Final = {b"%PDF-": "a PDF", rb"{\rtf": "a document in RTF"}
-"""What a document is by the bytes with which it begins."""
+"""Kind of a document, by the bytes with which it begins."""
 _HEAD: Final = 20_000
 """Number of letters in which the beginning of a file is looked at."""
 
@@ -137,18 +137,18 @@ class FileText:
         """Items of a list in JSON; Refusal if the text is none."""
         if self.items is None:
             raise Refusal("it is no whole list in JSON; export it again")
-        _bounded(len(self.items), MAX_ROWS, "entries")
+        bounded(len(self.items), MAX_ROWS, "entries")
         return self.items
 
 
 def _lines_of(text: str) -> list[Any] | None:
     """Items of a text with one in JSON on each line; None if the first line is none, null for another that is none."""
     lines = [line for line in text.split("\n") if line.strip()]
-    _bounded(len(lines), MAX_ROWS, "entries")
+    bounded(len(lines), MAX_ROWS, "entries")
     first = json_of(lines[0])
     if not isinstance(first, dict):
         return None
-    _bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
+    bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
     return [first, *map(json_of, lines[1:])]
 
 
@@ -170,7 +170,8 @@ def _plain(value: Any) -> Any:
     return {name: _plain(inner) for name, inner in value.items()}
 
 
-def _bounded(count: int, most: int, what: str, remedy: str = "divide it") -> None:
+def bounded(count: int, most: int, what: str, remedy: str = "divide it") -> None:
+    """Refuse a file that has more of something than can be read."""
     if count > most:
         raise Refusal(f"it has {count} {what}, and at most {most} can be read; {remedy}")
 
@@ -179,7 +180,7 @@ def xml_of(text: str) -> ElementTree.Element:
     """Root of a text in XML; Refusal for one that is damaged, has too many elements, or defines kinds of its own."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise Refusal("it defines its own kinds of XML, which no file of a device does; give the file as it came")
-    _bounded(text.count("<"), _MAX_GROUPS, "elements of XML")
+    bounded(text.count("<"), _MAX_GROUPS, "elements of XML")
     try:
         return ElementTree.fromstring(text.encode(), ElementTree.XMLParser(encoding="utf-8"))
     except ElementTree.ParseError as error:
@@ -192,8 +193,8 @@ def json_of(text: str) -> Any:
 
     Refusal for more values than memory is meant for: an empty object of three letters takes over 60 bytes.
     """
-    _bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
-    _bounded(text.count(","), _MAX_VALUES, "values")
+    bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
+    bounded(text.count(","), _MAX_VALUES, "values")
     if _SURROGATE.search(text):
         text = _ESCAPE.sub(lambda escape: r"\ufffd" if escape[1] else escape[0], text)
     try:
@@ -282,9 +283,9 @@ def table_of(text: str, delimiter: str) -> CellTable:
     """Table of a text whose first line names the columns; Refusal if it is none."""
     header, _, body = text.partition("\n")
     columns, count = header.count(delimiter) + 1, body.count("\n") + 1
-    _bounded(columns, _MAX_COLUMNS, "columns", "leave some out, or divide it")
-    _bounded(count, MAX_ROWS, "lines", "leave some out, or divide it")
-    _bounded(columns * count, _MAX_CELLS, "cells", "leave some out, or divide it")
+    bounded(columns, _MAX_COLUMNS, "columns", "leave some out, or divide it")
+    bounded(count, MAX_ROWS, "lines", "leave some out, or divide it")
+    bounded(columns * count, _MAX_CELLS, "cells", "leave some out, or divide it")
     body = (_BLANK_LINES.sub("\n", body) if _BLANK_LINES.search(body) else body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()

@@ -316,7 +316,7 @@ def _second_trajectory(rows: pl.DataFrame, account: Account) -> npt.NDArray[np.i
 
 
 def _copied(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Which of the doubled readings of a stream are those of another one at nearly the same time."""
+    """Mask of the doubled readings of a stream that are those of another one at nearly the same time."""
     after = np.searchsorted(first.t_min, stream.t_min).clip(1, first.t_min.size - 1)
     earlier = stream.t_min - first.t_min[after - 1] <= first.t_min[after] - stream.t_min
     nearest = first.glucose[np.where(earlier, after - 1, after)]
