@@ -109,7 +109,7 @@ class Refusing:
         def fails(trial, index, *arguments):
             if errors:
                 raise errors.pop(0)
-            return ComputedShard(compute_shard(trial, index, pretend(trial)), processor)
+            return ComputedShard(compute_shard(trial, index, pretend(trial)), processor, {})
 
         return self.client.submit(fails, *arguments, **options)
 
@@ -203,7 +203,7 @@ def test_another_processor_is_taken_in_portable_arithmetic_alone(monkeypatch, ma
     with pytest.raises(Refusal, match=f"a worker has processor another, .*; {remedy}"):
         shard_on_worker(make_trial(), 0, glucoloop.__version__, here)
     portable = make_trial(arithmetic="portable")
-    assert shard_on_worker(portable, 0, glucoloop.__version__, here) == ComputedShard({}, "another")
+    assert shard_on_worker(portable, 0, glucoloop.__version__, here) == ComputedShard({}, "another", {})
     with pytest.raises(Refusal, match=r"a worker has numpy .* and here it is 1,.*run the same command again$"):
         shard_on_worker(portable, 0, glucoloop.__version__, {**here, "numpy": "1"})
 
