@@ -163,9 +163,9 @@ DASK: Final = CommandOption(
     panel=WORK_PANEL,
     metavar="ADDRESS",
 )
-TRACES_TO: Final = CommandOption(
-    "traces_to",
-    "--traces-to",
+TRACES_AT: Final = CommandOption(
+    "traces_at",
+    "--traces-at",
     "Store of objects for the traces of --traces, in place of the folder, like s3://bucket/folder; each worker writes "
     "its own.",
     panel=WORK_PANEL,

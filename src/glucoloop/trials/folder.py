@@ -132,12 +132,12 @@ class TrialFolder(ResumableFolder):
     origin: TrialOrigin
     recorded: TrialOrigin
 
-    def __init__(self, path: Path, trial: Trial, work: Work, traces_to: str | None = None) -> None:
+    def __init__(self, path: Path, trial: Trial, work: Work, traces_at: str | None = None) -> None:
         self.trial = trial
         of_results = {name: work.keys[name] for name in sorted(work.may_change)}
-        origin = replace(TrialOrigin.of(trial, **of_results), traces_at=traces_to)
+        origin = replace(TrialOrigin.of(trial, **of_results), traces_at=traces_at)
         super().__init__(path, work, origin, results=SHARDS, wanted=trial.shards, unit="shards")
-        self.store = None if traces_to is None else TraceStore(traces_to, origin.of_store(work.may_change))
+        self.store = None if traces_at is None else TraceStore(traces_at, origin.of_store(work.may_change))
         """Store of the traces, if they are not put into the folder."""
         self._sums: dict[int, dict[str, str]] = {}
         """Digests of the files of each shard that is done."""
@@ -240,7 +240,7 @@ class TrialFolder(ResumableFolder):
         if self.store is not None:
             inside = file_system_path(self.store.address)
             if inside is not None and inside.resolve().is_relative_to(self.path.resolve()):
-                raise Refusal(f"{self.store.address} is within {self.path}; give a place beside it with --traces-to")
+                raise Refusal(f"{self.store.address} is within {self.path}; give a place beside it with --traces-at")
             if overwrite:
                 self.store.refuse_other()  # which must not cost earlier work
         return super().begin(overwrite=overwrite)
@@ -249,7 +249,7 @@ class TrialFolder(ResumableFolder):
         goes_further = super()._refuse_another()
         earlier, now = self.recorded.traces_at, self.origin.traces_at
         if earlier != now:
-            way = "leave --traces-to out" if earlier is None else f"give --traces-to {earlier}"
+            way = "leave --traces-at out" if earlier is None else f"give --traces-at {earlier}"
             raise Refusal(
                 f"the traces of {self.path} are in {earlier or 'that folder'}, and not in {now or 'the folder'}; "
                 f"{way}, or choose another folder with --out"
@@ -270,7 +270,7 @@ class TrialFolder(ResumableFolder):
 
 
 def trial_folder(
-    path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None, traces_to: str | None = None
+    path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None, traces_at: str | None = None
 ) -> AbstractContextManager[TrialFolder]:
     """Open the folder of a trial, new or begun, for writing; see `opened`.
 
@@ -279,7 +279,7 @@ def trial_folder(
     """
     if work is None:
         work = Work(command="trial", what="trial", keys=trial.tree(whole=True), explicit=trial.tree(), final=FINAL)
-    return opened(TrialFolder(path, trial, work, traces_to), overwrite=overwrite)
+    return opened(TrialFolder(path, trial, work, traces_at), overwrite=overwrite)
 
 
 def traces_stored(

@@ -182,9 +182,12 @@ def _view_of_store(
     try:
         path = file_system_path(store_address(address))
         refuse_changed(address, stored, MEND)
-        traces = [f"{address if path is None else path}/{name}" for name in stored]
-        if path is None:
-            connection.register_filesystem(system_of(address)[0])
+        if path is not None:
+            traces = [str(path / name) for name in stored]
+        else:
+            system, root = system_of(address)
+            traces = [system.unstrip_protocol(f"{root}/{name}") for name in stored]  # s3a as s3, which DuckDB knows
+            connection.register_filesystem(system)
         with refusing(address, "read"):
             connection.execute(f"create view traces as {_read_parquet('*', traces)}")
     except Refusal as error:
