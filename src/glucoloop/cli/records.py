@@ -49,7 +49,7 @@ _ANSWERS: Final = (
         "--dates",
         "Order of day and month, where all dates could be either.",
         panel=_READING,
-        metavar="day-first|month-first",
+        metavar="day-first|month-first|year-first",
     ),
     CommandOption(
         "glucose_unit",

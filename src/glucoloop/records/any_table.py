@@ -12,7 +12,7 @@ import polars as pl
 
 from glucoloop.records.answers import TARGETS, Answers
 from glucoloop.records.extract import Extract, extract_frame
-from glucoloop.records.file_text import FileText
+from glucoloop.records.file_text import DELIMITERS, FileText, fields_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of
@@ -194,13 +194,18 @@ def _own_names(content: FileText) -> dict[str, str]:
             "its columns have no names of a record", "name them, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"
         )
     number, delimiter = place
-    fields = [text.strip().strip('"').casefold() for text in content.head[number].split(delimiter)]
+    fields = [text.strip().strip('"').casefold() for text in fields_of(content.head[number], delimiter)]
     return {target: target for target in TARGETS if target.casefold() in fields}
 
 
 def _likely(content: FileText, names: dict[str, str]) -> str:
     """Names of the file that are like those that were given; nothing else of the file, which may name a person."""
-    fields = {text.strip().strip('"') for line in content.head[:5] for text in re.split("[,;\t|]", line)}
+    fields = {
+        text.strip().strip('"')
+        for line in content.head[:5]
+        for delimiter in DELIMITERS
+        for text in fields_of(line, delimiter)
+    }
     near = [match for name in names.values() for match in difflib.get_close_matches(name, fields - {name}, n=1)]
     return f"did you mean {' and '.join(map(repr, near))}?" if near else "give the names as they stand in the file"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import functools
 import io
 import json
@@ -117,7 +118,7 @@ class FileText:
             ((number, delimiter), [" ".join(text.strip('\ufeff "').split()).casefold() for text in cells])
             for number, line in enumerate(self.head)
             for delimiter in DELIMITERS
-            if len(cells := line.split(delimiter)) > 1
+            if len(cells := fields_of(line, delimiter)) > 1
         ]
 
     def table(self, place: tuple[int, str]) -> CellTable:
@@ -352,10 +353,18 @@ def _whole_lines(counts: pl.Series, delimiters: int) -> int:
     return int((counts >= max(usual, 1)).sum())
 
 
+def fields_of(line: str, delimiter: str) -> list[str]:
+    """Fields of a line; a delimiter within quotes divides none, unless the quotes do not close."""
+    if '"' in line and not line.count('"') % 2:
+        with contextlib.suppress(csv.Error):  # a field that is too long
+            return next(csv.reader([line], delimiter=delimiter))
+    return line.split(delimiter)
+
+
 def _names(line: str, delimiter: str) -> list[str]:
     """Names of columns, each its own."""
     names: list[str] = []
-    for text in line.split(delimiter):
+    for text in fields_of(line, delimiter):
         name = " ".join(text.strip("\ufeff ").strip().strip('"').strip("\ufeff").split())
         names.append(name if name and name not in names else f"{name} ({len(names) + 1})")
     return names

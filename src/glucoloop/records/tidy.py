@@ -12,9 +12,9 @@ from glucoloop.records.clock import on_one_clock
 from glucoloop.records.extract import VALUES, Account, Extract
 from glucoloop.records.record import HIGHEST_MG_DL, LARGEST_AMOUNTS, LOWEST_MG_DL, SCHEMA, DeviceRecord
 from glucoloop.records.streams import each_dose_once, one_sensor, source_of, with_instants
-from glucoloop.records.times import clock
+from glucoloop.records.times import FAR_DAYS, clock, far_from_others
 from glucoloop.refusal import Refusal
-from glucoloop.text import how_many, printable
+from glucoloop.text import how_many, printable, the_first
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_DAY, MIN_PER_H, S_PER_MIN
 
 NO_VALUE: Final = "rows without glucose, carbohydrate, insulin or glucagon"
@@ -22,6 +22,7 @@ UNREADABLE: Final = "rows with values that are no number or not possible"
 NO_TIME: Final = "rows without a readable time"
 REPEATED: Final = "rows that repeat another one"
 SAME_TIME: Final = "readings at the time of another reading of the same device"
+FAR: Final = "rows that lie far from all others in time, as of a clock that was not set"
 
 _MIN_GAP_MIN: Final = 15.0
 _LARGEST_DAILY: Final = {"bolus_U": 600.0, "long_acting_U": 600.0, "carbs_g": 3000.0, "glucagon_ug": 10000.0}
@@ -52,6 +53,7 @@ def record_of(frames: Sequence[pl.DataFrame], zones: Sequence[str], answers: Ans
         )
     frame, notes = on_one_clock(frame, zones, answers)
     account.notes += notes
+    frame = _without_far_times(frame, account)
     if frame["time"].n_unique() < frame.height:
         frame = _without_repeats(frame, account)
     frame = each_dose_once(with_instants(frame), account)
@@ -98,6 +100,16 @@ def settled(extract: Extract, frame: pl.DataFrame, answers: Answers, account: Ac
         *("file", "row", "kind", "source", "time", "in_utc", "utc_offset_min", *COLUMNS.values()),
         *("bolus_min", "bolus_type", "out_of_range", "device"),
     )
+
+
+def _without_far_times(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
+    """Rows without a few that lie most of a year from all others, as those of 1970 of a device without a clock."""
+    far = far_from_others(frame["time"])
+    if not far.any():
+        return frame
+    moments = the_first([clock(time) for time in frame["time"].filter(far).unique().sort()], 3)
+    account.notes.append(f"Times over {FAR_DAYS} days from all others are of no use: {moments}.")
+    return account.without(frame, pl.lit(far), FAR)
 
 
 def _without_repeats(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
