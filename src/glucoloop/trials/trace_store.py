@@ -131,7 +131,7 @@ class _Files(Protocol):
     """Files under an address; each library has errors of its own."""
 
     def read(self, name: str, most: int) -> bytes | None:
-        """At most so many bytes of a file; None if there is none."""
+        """Contents of a file, at most so many bytes; None if there is none."""
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file, which appears whole, and replaces an earlier one."""
