@@ -15,9 +15,10 @@ from glucoloop.records import DeviceRecord, FileRefusal, read_people
 from glucoloop.records.reading import files_of_people
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds
-from glucoloop.storage.results import read_parquet, refusing_damage
+from glucoloop.storage.results import parquet_table, read_parquet, refusing_damage
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.text import how_many, printable
+from glucoloop.trials.folder import RECORD, TrialOrigin, traces_in_store
 from glucoloop.units import MIN_PER_DAY, MU_MIN_PER_U_H, MU_PER_U, S_PER_MIN
 
 
@@ -240,7 +241,7 @@ class _SimulatedCourse(NamedTuple):
 
 def _is_simulated(folder: Path) -> bool:
     """Whether a folder holds courses of `glucoloop run`, `compare`, or `trial --traces`; Refusal for other trials."""
-    results = bool(_tables_of(folder))
+    results = bool(_tables_of(folder)) or _has_store(folder)
     if not results and (folder / "shards").is_dir():
         raise Refusal(f"{folder} holds no course of glucose; run it by `glucoloop trial --traces`")
     return results
@@ -250,9 +251,17 @@ def _tables_of(folder: Path) -> list[Path]:
     return [folder / _OF_RUN] if (folder / _OF_RUN).is_file() else sorted(folder.glob(_OF_TRIAL))
 
 
+def _has_store(folder: Path) -> bool:
+    """Whether the traces of a trial are in a store."""
+    return (folder / RECORD).is_file() and TrialOrigin.of_folder(folder).traces_at is not None
+
+
 def _table_of(place: Path) -> pl.DataFrame:
     """Courses of a file; Refusal for a table that no run or trial wrote."""
-    table = read_parquet(place, _BOUNDS)
+    return _courses(place, read_parquet(place, _BOUNDS))
+
+
+def _courses(place: Path | str, table: pl.DataFrame) -> pl.DataFrame:
     missing = {*_COURSE} - {*table.columns}
     if missing:
         raise Refusal(f"{place} is damaged: it has no column {min(missing)}; write it again")
@@ -273,6 +282,9 @@ def _table_of(place: Path) -> pl.DataFrame:
 def _simulated_trajectories(folder: Path) -> list[_SimulatedCourse]:
     """Courses of a folder: of a run, of each case of a comparison, or of each person of a trial with traces."""
     tables = [_table_of(place) for place in _tables_of(folder)]
+    if not tables:
+        stored = traces_in_store(folder)
+        tables = [_courses(place, parquet_table(place, data, _BOUNDS)) for place, data in stored]
     with refusing_damage(folder):
         table = pl.concat(tables)
     names = [name for name in _NAMES if name in table.columns]
