@@ -279,6 +279,8 @@ MISTAKES = {
     "trial --out a --workers 0": ["--workers is 0"],
     "trial --out a --dask here": ["no address of a scheduler", "tcp://10.0.0.1:8786"],
     "trial --out a --dask tcp://10.0.0.1:1 --workers 3": ["--workers is 3", "leave it out"],
+    "trial --out a --traces all --traces-at bucket": ["no address of a store", "s3://bucket/folder"],
+    "trial --out a --traces-at file:///t": ["--traces-at is file:///t", "add --traces all, or leave it out"],
     "trial --out a --integrator fast": ["--integrator", "glucoloop trial --help"],
     "query": ["DIR", "glucoloop query --help"],
     "query absent": ["absent is not a folder"],
