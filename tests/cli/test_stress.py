@@ -100,3 +100,14 @@ def test_limits_of_the_guard_are_heeded(glucoloop, tmp_path):
 def test_mistakes(refused, tmp_path, arguments, sentence):
     assert sentence in refused("stress", *arguments)
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.long
+def test_pages_of_subcutaneous_insulin_begin_in_the_unit_of_pumps(glucoloop, tmp_path):
+    short = ("--controller", "basal-bolus", "--duration", 60)
+    small = (*short, "--people", 2, "--fault", "stuck")
+    for patient, unit in (("hovorka-2004", "uh"), ("parker-1999", "mu")):
+        assert glucoloop("stress", *small, "--patient", patient, "--out", f"s-{patient}").code == 0
+        assert glucoloop("run", *short, "--patient", patient, "--out", f"r-{patient}").code == 0
+        for page in (f"s-{patient}/stress.html", f"r-{patient}/figure.html"):
+            assert f'id="unit-{unit}" checked' in (tmp_path / page).read_text(encoding="utf-8"), page

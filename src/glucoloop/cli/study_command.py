@@ -218,12 +218,14 @@ class _StudyRun:
 
     def files_of(self, results: Results) -> dict[str, bytes]:
         """Files of what was found, of its tables as LaTeX, and of its pages and figures, by name."""
+        from glucoloop.display_units import rates_as_pumps_show
         from glucoloop.reporting.latex import latex_tables
 
         name = self.study.name
         with stage("Drawing"):
             tables = latex_tables(self.module.tables(self.config, results), name, f"glucoloop {name}")
-            files: Mapping[str, bytes] = self.module.files_of(self.config, results)
+            with rates_as_pumps_show(getattr(getattr(self.config, "patient", None), "subcutaneous", False)):
+                files: Mapping[str, bytes] = self.module.files_of(self.config, results)
             return {**results.files(self.study.summary), TABLES: tables.encode(), **files}
 
     def sentences(self, function: str, *arguments: Any) -> Iterable[str]:

@@ -16,7 +16,6 @@ import polars as pl
 from glucoloop.bounds import OptimalDoses, distance_to_bound
 from glucoloop.bounds.optimal_doses import check_samples
 from glucoloop.build.titration import profile_of
-from glucoloop.display_units import rates_as_pumps_show
 from glucoloop.models.settings import FileComponent
 from glucoloop.records.nightscout_profile import document_of
 from glucoloop.refusal import Refusal
@@ -319,17 +318,16 @@ def files_of(config: Run, results: Results) -> dict[str, bytes]:
         start_min=config.start_min,
         limits=config.limits,
     )
-    with rates_as_pumps_show(config.patient.subcutaneous):
-        page = interactive_page(
-            traces if len(traces) > 1 else first.trace,
-            metrics if len(metrics) > 1 else first.metrics,
-            title=title,
-            limits=config.limits,
-            faults=config.fault_texts,
-            start_min=config.start_min or 0.0,
-            facts=facts,
-            repeat=again,
-        )
+    page = interactive_page(
+        traces if len(traces) > 1 else first.trace,
+        metrics if len(metrics) > 1 else first.metrics,
+        title=title,
+        limits=config.limits,
+        faults=config.fault_texts,
+        start_min=config.start_min or 0.0,
+        facts=facts,
+        repeat=again,
+    )
     return {
         **files,
         f"{command}.toml": again.text.encode(),

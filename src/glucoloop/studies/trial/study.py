@@ -8,7 +8,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.display_units import rates_as_pumps_show
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.metrics.metric import result_named
 from glucoloop.reporting import Repeat
@@ -140,9 +139,7 @@ def results_of(config: TrialRequest, folder: TrialFolder) -> Results:
 def files_of(config: TrialRequest, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
     report: TrialReport = results.extra
-    with rates_as_pumps_show(config.patient.subcutaneous):
-        page = trial_page(report)
-    return {REPORT: page.encode(), **figure_files("figure", plot_trial(report))}
+    return {REPORT: trial_page(report).encode(), **figure_files("figure", plot_trial(report))}
 
 
 def tables(config: TrialRequest, results: Results) -> Iterator[object]:
