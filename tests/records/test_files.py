@@ -5,7 +5,7 @@ import io
 import json
 import sqlite3
 import zipfile
-from datetime import datetime
+from datetime import datetime, timedelta
 from math import nan
 
 import polars as pl
@@ -14,6 +14,7 @@ import pytest
 import glucoloop as gl
 from device_files import START, clarity, every, glucose, libre, nightscout_entries, nightscout_treatments
 from glucoloop.records import read_people
+from naming import naming
 from record_values import rates_of, reading_times
 
 
@@ -378,3 +379,39 @@ def test_names_of_columns_with_a_delimiter_in_quotes(read):
     columns = "time=time,carbs_g=Carbs (Grams, Factor 1),glucose_mg_dl=g"
     [row] = read(text, columns=columns).frame.select("carbs_g", "glucose_mg_dl").rows()
     assert row == (45.0, 120.0)
+
+
+def test_each_cell_of_glucose_is_in_its_own_unit(read):
+    both = "time,BZ\n2024-03-13 08:00,180 mg/dl\n2024-03-13 08:05,10.0 mmol/L\n2024-03-13 08:10,90\n"
+    record = read(both, columns="time=time,glucose_mg_dl=BZ")
+    assert record.frame["glucose_mg_dl"].to_list() == pytest.approx([180.0, 180.156, 90.0])
+    assert "1 cell of glucose in mmol/l, as the cell says." in record.notes
+    alone = "time,BZ\n2024-03-13 08:00,180 mg/dl\n2024-03-13 08:05,90 mg/dl\n"
+    record = read(alone, columns="time=time,glucose_mmol_l=BZ")
+    assert record.frame["glucose_mg_dl"].to_list() == [180.0, 90.0]
+    assert record.notes == ()
+
+
+def test_the_insulin_of_a_day_is_no_rate_of_an_hour(read, refused):
+    rows = [f"{START + n * timedelta(days=1):%Y-%m-%d %H:%M},{24 + n}" for n in range(4)]
+    for name, words in (
+        ("Basal (U/day)", "its name has 'U/day'"),
+        ("Total basal", "its name has 'Total'"),
+        ("Basal", "its basal rates make 600 U a day in the mean"),
+    ):
+        with naming(name):
+            text = "\n".join([f"time,{name}", *rows])
+            columns = f"time=time,basal_U_h={name}"
+            assert words in refused(text, columns=columns)
+            record = read(text, columns=columns, file_units="basal=U/day")
+            assert [rate for _, rate in rates_of(record)] == pytest.approx([1.0, 25 / 24, 26 / 24, 27 / 24])
+
+
+def test_columns_of_insulin_that_are_not_named_are_told(read):
+    text = "time,glucose_mg_dl,Insulin,KH,note,Bolus\n2024-03-13 08:00,120,4,45,x,\n"
+    assert read(text).notes == ("Not used, for they are not named: the columns 'Insulin', 'KH'.",)
+
+
+def test_a_document_for_reading_is_called_so(refused):
+    assert refused(b"%PDF-1.7\n%\xe2\xe3\n").startswith("it is a PDF, made for reading; export the data themselves")
+    assert refused(r"{\rtf1\ansi a}").startswith("it is a document in RTF")

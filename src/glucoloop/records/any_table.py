@@ -17,6 +17,7 @@ from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.refusal import Refusal
+from glucoloop.text import the_first
 from glucoloop.units import MIN_PER_DAY, S_PER_MIN
 
 _UNITS: Final = {"glucose_mg_dl": "mg/dl", "glucose_mmol_l": "mmol/l"}
@@ -45,6 +46,15 @@ _MILLIUNITS: Final = re.compile(r"(?<![A-Za-z])m(I?U|IE|UI)(?![a-z])(\s*/\s*\w+)
 _EXCHANGES: Final = re.compile(r"\b(1[0-9] ?g|BE|KE|KHE|[Ee]xchanges?|[Pp]ortions?|[Ss]ervings?|Broteinheit(en)?)\b")
 _MILLIGRAMS: Final = re.compile(r"(?i)(?<![a-z])mg(?![a-z])")
 _PER_MINUTE: Final = re.compile(r"(?i)(?<![a-z])(i?u|ie|ui)\s*(/|per)\s*(\d+\s*)?min")
+_PER_DAY: Final = re.compile(
+    r"(?i)(?<![a-z])(i?u|ie?|ui|e|units?)\s*(/|per|pro|par)\s*(d|day|tag|jour|día|giorno|dag|24\s*h)(?![a-z])"
+    r"|\b(daily|tdd|total|tagesdosis|per day|pro tag|par jour|24\s*h)\b"
+)
+_OF_VALUES: Final = re.compile(
+    r"(?i)insulin|bolus|basal|carb|glu[ck]o|glyc|glic|zucker|kohlenh|koolh|glucid|hidrat|kolhyd|(?<![a-z])(bg|bz|kh|ke|sgv)"
+    r"(?![a-z])"
+)
+"""Words in the names of columns that hold insulin, carbohydrate or glucose."""
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
 
@@ -92,6 +102,7 @@ class AnyTable(ReaderComponent, name="table"):
         person = table.frame.select(table.texts(who)).to_series() if who else None
         if who:
             notes.append("The table has a column that says whose each row is.")
+        notes += _on_unused(table.frame, set(columns.values()))
         return Extract(
             frame=extract_frame(frame, times, table.spoilt, **values, person=pl.lit(person)),
             glucose_unit=_UNITS.get(kept.get("glucose", "")),
@@ -117,6 +128,15 @@ class AnyTable(ReaderComponent, name="table"):
         return {}
 
 
+def _on_unused(frame: pl.DataFrame, used: set[str]) -> list[str]:
+    """Sentence on columns with values that are not used, and whose names say insulin, carbohydrate or glucose."""
+    names = [name for name in frame.columns if name not in used and _OF_VALUES.search(name)]
+    filled = [name for name in names if frame[name].str.strip_chars().replace("", None).drop_nulls().len()]
+    if not filled:
+        return []
+    return [f"Not used, for they are not named: the columns {the_first([repr(name) for name in filled])}."]
+
+
 def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
     """Refuse a column of amounts whose own name has another unit than the record, and no answer says which."""
     exchanges = _EXCHANGES.search(columns.get("carbs_g", ""))
@@ -135,6 +155,12 @@ def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
         text = columns.get(target, "")
         other = (_MILLIGRAMS if target == "glucagon_ug" else _MILLIUNITS).search(text)
         other = other or (_PER_MINUTE.search(text) if target == "basal_U_h" else None)
+        of_day = _PER_DAY.search(text) if target == "basal_U_h" and other is None else None
+        if of_day is not None and name not in answers.file_units:
+            raise Refusal(
+                f"the column {text!r} is taken as {unit}, and its name has {of_day[0]!r}",
+                f"say its unit, as file_units='{name}=U/day' (--file-units) for the insulin of a day, or {name}=U/h",
+            )
         if other is not None and name not in answers.file_units:
             own = other[0].replace(" ", "")
             raise Refusal(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import polars as pl
@@ -28,6 +29,8 @@ _MIN_GAP_MIN: Final = 15.0
 _LARGEST_DAILY: Final = {"bolus_U": 600.0, "long_acting_U": 600.0, "carbs_g": 3000.0, "glucagon_ug": 10000.0}
 """Amounts of a day beyond those of any person [U, g, ug]."""
 _SMALLER: Final = {"carbs": "0.1g", "glucagon": "ng"}
+_LARGEST_BASAL_U_DAY: Final = 300.0
+"""Basal insulin of a day beyond that of any person, by the reservoir of a pump."""
 _DAILY_WORDS: Final = {
     "bolus_U": ("bolus", "U of boluses"),
     "long_acting_U": ("long_acting", "U of long-acting insulin"),
@@ -59,6 +62,7 @@ def record_of(frames: Sequence[pl.DataFrame], zones: Sequence[str], answers: Ans
     frame = each_dose_once(with_instants(frame), account)
     frame = one_sensor(frame, answers.device, account)
     _refuse_impossible_days(frame)
+    _refuse_impossible_rates(frame)
     frame = frame.sort("time", "second_pass", maintain_order=True)
     account.notes += [f"Left out: {reason} ({count})." for reason, count in account.left_out.items()]
     account.notes += _on_gaps(frame)
@@ -138,6 +142,23 @@ def _refuse_impossible_days(frame: pl.DataFrame) -> None:
             )
 
 
+def _refuse_impossible_rates(frame: pl.DataFrame) -> None:
+    """Refuse basal rates that are in the mean beyond what a pump can give to a person."""
+    rates = frame.filter(pl.col("basal_U_h").is_not_null()).sort("at", maintain_order=True)
+    hours = pl.col("at").diff().shift(-1).dt.total_seconds() / (S_PER_MIN * MIN_PER_H)
+    known = rates.select(hours=hours, rate="basal_U_h").drop_nulls().filter(pl.col("rate").is_finite())
+    span_h = float(known["hours"].sum())
+    if span_h < MIN_PER_DAY / MIN_PER_H:
+        return
+    of_day = float((known["hours"] * known["rate"]).sum()) / span_h * MIN_PER_DAY / MIN_PER_H
+    if of_day > _LARGEST_BASAL_U_DAY:
+        raise Refusal(
+            f"its basal rates make {of_day:.0f} U a day in the mean, and a person gets at most "
+            f"{_LARGEST_BASAL_U_DAY:g} U",
+            "say the unit, as file_units='basal=mU/h' or file_units='basal=U/day' (--file-units)",
+        )
+
+
 def _on_gaps(frame: pl.DataFrame) -> list[str]:
     """Note on times without readings that are longer than three steps between readings."""
     read = frame.filter(pl.col("glucose_mg_dl").is_not_null()).sort("at")
@@ -213,6 +234,11 @@ def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accou
     marked = pl.col("out_of_range").is_not_null() & pl.col("glucose").is_null()
     told = {**_UNIT_OF, **extract.units, **answers.file_units}
     told["glucose"] = answers.glucose_unit or extract.glucose_unit or ""
+    of_cells = _unit_of_cells(frame["glucose"])
+    if of_cells is not None:
+        extract = replace(extract, glucose_unit=of_cells)
+        told["glucose"] = of_cells
+    frame = _with_units_of_cells(frame, told["glucose"], account)
     numbers = [_numbers(frame[name], _IN_CELLS.get(told[name])).alias(f"_{name}") for name in VALUES]
     frame = frame.with_columns(*numbers, _marked=marked)
     glucose_factor = _glucose_factor(frame["_glucose"], extract, answers)
@@ -246,6 +272,35 @@ def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accou
     zero = pl.any_horizontal(pl.col(f"_{name}") == 0 for name in _GIVEN).fill_null(False)
     _tell(frame, glucose_factor, (lowest, highest), largest, account)
     return frame.with_columns(_zero=zero)
+
+
+def _units_in(glucose: pl.Series) -> pl.Series:
+    """Unit behind the number of each cell; null where there is none."""
+    return glucose.str.to_lowercase().str.extract(rf"\d\s*({'|'.join(UNITS)})\s*$")
+
+
+def _unit_of_cells(glucose: pl.Series) -> str | None:
+    """Unit that all cells of glucose have behind their number; None if they have none, or both."""
+    if glucose.dtype != pl.String or glucose.null_count() == len(glucose):
+        return None
+    kinds = _units_in(glucose.drop_nulls()).unique().to_list()
+    return kinds[0] if len(kinds) == 1 else None
+
+
+def _with_units_of_cells(frame: pl.DataFrame, unit: str, account: Account) -> pl.DataFrame:
+    """Rows in which glucose whose cell has the other unit is in that of the file."""
+    if frame["glucose"].dtype != pl.String or not unit:
+        return frame
+    other = UNITS[1 - UNITS.index(unit)]
+    foreign = (_units_in(frame["glucose"]) == other).fill_null(False)
+    if not foreign.any():
+        return frame
+    factor = MG_DL_PER_MMOL_L if unit == UNITS[0] else 1.0 / MG_DL_PER_MMOL_L
+    number = _numbers(frame["glucose"], other) * factor
+    account.notes.append(f"{how_many(int(foreign.sum()), 'cell')} of glucose in {other}, as the cell says.")
+    return frame.with_columns(
+        glucose=pl.when(pl.lit(foreign)).then(pl.lit(number).cast(pl.String)).otherwise("glucose")
+    )
 
 
 def _with_words(frame: pl.DataFrame) -> pl.DataFrame:
@@ -389,5 +444,5 @@ def _tell(
             )
         account.notes.append(
             f"{how_many(count, 'value')} of {_WORDS[name]} outside of {bounds} (from {ends} in the unit of the file) "
-            f"were not used{unknown}{_IN_MU if name == 'basal' else ''}."
+            f"{'was' if count == 1 else 'were'} not used{unknown}{_IN_MU if name == 'basal' else ''}."
         )
