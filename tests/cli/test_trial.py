@@ -193,7 +193,7 @@ def test_what_is_computed_is_told_before_anything_is_designed(glucoloop, monkeyp
     answer = glucoloop("trial", "--people", 2000, "--days", 2, "--controller", "mpc", "--controller", "meal-mpc",
                        "--out", "a")  # fmt: skip
     assert answer.err.startswith(
-        "Designing and compiling for 2000 people under mpc, meal-mpc; compiling meal-mpc takes up to a minute.\n"
+        "Designing and compiling for 2000 people under mpc, meal-mpc; compiling meal-mpc takes up to half a minute.\n"
     )
     assert "0 of 8 shards are kept" in answer.err
 

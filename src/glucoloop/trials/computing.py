@@ -127,7 +127,7 @@ def beginning(trial: Trial) -> str:
     which = labels if len(trial.cases) <= _MAX_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
     slow = [name for name, controller in controllers.items() if controller.slow]
     begun = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
-    return f"{begun}; compiling {' and '.join(slow)} takes up to a minute." if slow else f"{begun}."
+    return f"{begun}; compiling {' and '.join(slow)} takes up to half a minute." if slow else f"{begun}."
 
 
 def run_here(folder: TrialFolder, simulate: Simulate) -> None:
