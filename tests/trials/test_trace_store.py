@@ -177,7 +177,7 @@ def test_trial_begins_again_at_its_own_address(tmp_path, trial, pretend, bucket)
 def test_objects_that_are_gone_or_changed_are_told(tmp_path, trial, pretend, bucket):
     out, name = tmp_path / "out", f"/b/t/shards/00001/{TRACES}"
     run(out, trial, pretend, "s3://b/t")
-    whole = bucket.store[name].getvalue()
+    whole, sums = bucket.store[name].getvalue(), (out / "SHA256SUMS").read_bytes()
     for change in (None, whole[:-1], whole[:-1] + bytes([whole[-1] ^ 1])):
         with naming(change and len(change)):
             Bucket().rm_file(name)
@@ -188,15 +188,27 @@ def test_objects_that_are_gone_or_changed_are_told(tmp_path, trial, pretend, buc
                 assert folder.finished  # which asks nothing of the store
             with pytest.raises(Refusal, match=told):
                 _simulated_trajectories(out)
-            (out / "SHA256SUMS").rename(tmp_path / "sums")
+            (out / "shards/00002").rename(tmp_path / "2")
             known_by_size = change is None or len(change) != len(whole)
             with (
                 pytest.raises(Refusal, match=told) if known_by_size else nullcontext(),
                 trial_folder(out, trial, traces_at="s3://b/t"),
             ):
                 pass
-            (tmp_path / "sums").rename(out / "SHA256SUMS")
+            (tmp_path / "2").rename(out / "shards/00002")
+            (out / "SHA256SUMS").write_bytes(sums)
             Bucket().pipe_file(name, whole)
+
+
+def test_store_is_not_asked_where_no_shard_is_missing(tmp_path, trial, pretend, bucket):
+    run(tmp_path / "out", trial, pretend, "s3://b/t")
+    bucket.store.clear()
+    (tmp_path / "out/report.html").unlink()
+    with trial_folder(tmp_path / "out", trial, traces_at="s3://b/t") as folder:
+        assert not folder.finished
+        folder.finish(FINAL)
+        assert folder.finished
+    assert objects(bucket) == {}
 
 
 def test_stored_traces_are_reported_and_asked_for_as_those_of_the_folder(tmp_path, trial, pretend, here, bucket):

@@ -257,8 +257,8 @@ class TrialFolder(ResumableFolder):
         return goes_further
 
     def _describe(self) -> None:
-        """Write what the folder and the store begin with, as far as it is not there."""
-        if self.store is not None:
+        """Write what the folder begins with, and the store if shards are missing, as far as it is not there."""
+        if self.store is not None and self.missing():
             self.store.begin()
             refuse_changed(self.store.address, _by_place(self._stored), MEND)
         super()._describe()
