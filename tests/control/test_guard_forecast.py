@@ -161,23 +161,6 @@ def test_its_filter_accepts_slower_guts_than_the_controller_s():
         assert (float(estimate.log_gut_time) > 0.1) == slower
 
 
-def test_its_filter_believes_more_of_a_meal_that_does_not_appear_yet_than_one_by_the_person_s_gut_alone():
-    foresight = Foresight.of(SETTINGS, EVERY).with_profile(PROFILE)
-    basal = jnp.asarray(BASAL)
-    of_guard = foresight._of_basal(basal)
-    by_person = of_guard.replaced(filter=dataclasses.replace(of_guard.filter, meal_time_error=0.0))
-    left_mg = []
-    for forecaster in (of_guard, by_person):
-        estimate = forecaster.filter.init(forecaster.model)
-        for sample in range(18):
-            observation = seen(120.0, carbs_g=80.0 if sample == 0 else 0.0)
-            # after a bolus of 8 U
-            insulin = basal + (80_000.0 / 10.0 / EVERY if sample == 1 else 0.0)
-            estimate, _, _ = forecaster.estimated(estimate, None, observation, insulin)
-        left_mg.append(float(estimate.gut_mg.sum()))
-    assert left_mg[0] > 1.15 * left_mg[1] > 0.0
-
-
 def test_without_any_insulin_to_spare_nothing_is_given():
     readings = 150.0 - 4.0 * np.arange(14)
     rates, boluses, statuses, _ = followed(around_basal_bolus(), readings, np.zeros(14))

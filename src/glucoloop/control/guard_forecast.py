@@ -17,8 +17,7 @@ which a rate told too high withholds for good reason, passes only as far as gluc
 
 A meal that appears slower than the model expects looks like one that was counted too large: glucose does not rise, the
 rest of the meal is no longer believed, and the basal rate is withheld for hours. So the filter of this forecast accepts
-guts that are slower than those of the controller, and doubts the gut's speed anew at each meal: where glucose does not
-rise, the meal is then as likely slow as it is small.
+guts that are slower than those of the controller.
 """
 
 from __future__ import annotations
@@ -49,8 +48,6 @@ _DRIFT_DOUBT: Final = 1.0
 """Standard deviations of the learned drift under the basal rate by which glucose is taken to drift down."""
 _SLOWEST_GUT: Final = math.log(2.0)
 """Logarithm of the longest time constant of a gut, relative to that of the controller, that is accepted."""
-_MEAL_TIME_ERROR: Final = 0.5
-"""Standard deviation of that logarithm from one meal to the next: a pizza may take twice as long as a lunch."""
 _LEAST_EFFECT: Final = 1e-7
 """Effect of a dose, in mg/dl for each mU, that is taken at least."""
 
@@ -225,5 +222,5 @@ def _forecaster(sample_time_min: float, horizon_min: float) -> TherapyMPC:
         kept = dataclasses.replace(
             ahead, step=jax.tree.map(lambda leaf: leaf[:steps], ahead.step), of_block=ahead.of_block[:steps]
         )
-        slow = dataclasses.replace(forecaster.filter, slowest_log_time=_SLOWEST_GUT, meal_time_error=_MEAL_TIME_ERROR)
+        slow = dataclasses.replace(forecaster.filter, slowest_log_time=_SLOWEST_GUT)
         return forecaster.replaced(ahead=kept, filter=slow)

@@ -9,8 +9,7 @@ what was counted and the covariance with the error of counting.
 The time constant is the person's own and is learned, from meal to meal, as a share of the default one: with a gut of
 one speed, a meal that appears fast is taken for a larger meal. By default it is never accepted to be longer than the
 default one, since glucose that rises for longer than a meal should is then taken for the tail of a meal, and gets
-insulin for hours. A guard asks for no insulin, and accepts more. It may also expect that each meal has a speed of its
-own, around that of the one before, as far as it is more than what is left of that.
+insulin for hours. A guard asks for no insulin, and accepts more.
 
 At the start all states of glucose are wrong by one share, as those of a person at rest at another glucose are.
 
@@ -120,8 +119,6 @@ class FedFilter:
     """Errors of the profile that are learned, or None."""
     slowest_log_time: float = static(default=0.0)
     """Maximum logarithm of the time of a gut, relative to the default one, that is accepted."""
-    meal_time_error: float = static(default=0.0)
-    """Standard deviation of the change of that logarithm from one meal to the next."""
 
     @property
     def _estimated(self) -> tuple[int, ...]:
@@ -273,14 +270,10 @@ class FedFilter:
     def announce(self, estimate: FedEstimate, carbs_g: jax.Array) -> FedEstimate:
         """Estimate with a meal that begins now."""
         m, carbs_mg = estimate.covariance.shape[0], MG_PER_G * carbs_g
-        counted, of_time = np.zeros((2, m, m))
-        counted[0, 0] = of_time[4, 4] = 1.0
-        covariance = estimate.covariance + counted * (self.counting_error * carbs_mg) ** 2
-        if self.meal_time_error:
-            share = carbs_mg / (carbs_mg + jnp.maximum(jnp.sum(estimate.gut_mg), 0.0) + MG_PER_G)
-            covariance = covariance + of_time * (self.meal_time_error * share) ** 2
+        counted = np.zeros((m, m))
+        counted[0, 0] = 1.0
         return dataclasses.replace(
             estimate,
             gut_mg=estimate.gut_mg + jnp.stack([carbs_mg, jnp.zeros_like(carbs_mg)]),
-            covariance=covariance,
+            covariance=estimate.covariance + counted * (self.counting_error * carbs_mg) ** 2,
         )
