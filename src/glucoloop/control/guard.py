@@ -541,7 +541,8 @@ def guarded(
        is given above the setpoint, nor on a reading that is not accepted.
 
     Where a person's own carbohydrate ratio or correction factor is known, ``with_profile`` scales ``B_max``, the cap of
-    the hour and ``F`` by it, up to the setting ``profile_span``.
+    the hour and ``F`` by it, up to the setting ``profile_span``; and further towards more insulin where by weight, 0.5
+    U/kg, a person needs more in a day than by the basal rate.
 
     ============  =========================================================  ====================
     variable      meaning                                                    setting
