@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from pairs import answer
 
+from glucoloop.native.targets.llvm import kernel
 from glucoloop.situations.situation import configured
 from glucoloop.trials import engine
 from glucoloop.trials.trial import Trial
@@ -50,6 +51,7 @@ def measured(controller: str, precision: str, people: int, repeats: int) -> dict
 
 
 if __name__ == "__main__":
+    kernel.MANY_ROUNDS = 0  # code for speed, as of large populations
     answer(
         __doc__,
         measured,

@@ -26,6 +26,7 @@ from closed_loop import MEALS
 from glucoloop._pytree import pytree
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.meals import Meal, Scenario, eaten
+from glucoloop.native.targets.llvm import kernel
 from glucoloop.simulation import Adaptive, cohort, people_plant
 from glucoloop.simulation.cohort import People
 from glucoloop.situations.situation import configured
@@ -33,6 +34,7 @@ from glucoloop.trials import engine
 from glucoloop.trials.people import block_size
 from glucoloop.trials.trial import Trial
 
+kernel.MANY_ROUNDS = 0  # code for speed, as of large populations
 NOISE = ["white-noise, variance=1.45"]
 OWN_MEALS = {"meal_size_spread_pct": 30.0, "meal_time_spread_min": 45.0}
 STRAIGHT = ("basal", "mpc", "mpc-se")

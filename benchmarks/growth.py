@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Measure how time and memory of a trial grow: with people, days, cores and Dask workers; beside simglucose.
 
-    python benchmarks/growth.py [--small] [--simglucose-python PYTHON]
+    python benchmarks/growth.py [--small] [--lines N ...] [--simglucose-python PYTHON]
 
 Each line is a ``glucoloop trial`` of ``parker2000`` under linear MPC in float32 in a process of its own, from start to
 report page, with everything compiled before: wall time, time of all processors, the most memory that one process had,
 and patient-days in a second of a processor. Cores are those that the process may use, which Linux alone can limit. A
 person-day of simglucose, in the same run, by its processor time too, gives the last column; for its interpreter see
-``benchmarks/closed_loop.py``. ``--small`` leaves out what has more than 3000 patient-days.
+``benchmarks/closed_loop.py``. ``--small`` leaves out what has more than 3000 patient-days; ``--lines`` measures the
+lines of these numbers alone, counted from 1.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ def measured(people: int, days: int, cores: int, workers: int) -> dict[str, floa
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--small", action="store_true", help=f"only up to {SMALL} patient-days")
+    parser.add_argument("--lines", type=int, nargs="+", default=range(1, len(LINES) + 1), help="numbers of lines")
     parser.add_argument("--simglucose-python", default=sys.executable, help="interpreter that can import simglucose")
     asked = parser.parse_args()
     other = simglucose(asked.simglucose_python)
@@ -63,7 +65,7 @@ def main() -> None:
     print(f"load {os.getloadavg()[0]:.1f}\n\n| People | Days | Cores | Dask workers | Wall, s | Processors, s ", end="")
     print("| Memory, MiB | Patient-days a processor second | Beside simglucose |\n|" + " ---: |" * 9, flush=True)
     for turn, (people, days, cores, workers) in enumerate([LINES[0], *LINES]):  # the first compiles
-        if asked.small and people * days > SMALL:
+        if turn and (turn not in asked.lines or (asked.small and people * days > SMALL)):
             continue
         spent = measured(people, days, cores, workers)
         rate = people * days / spent["seconds"]

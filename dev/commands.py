@@ -168,7 +168,7 @@ def renew_locks() -> None:
     options += "--no-emit-find-links --quiet --extra query"
     header = ["--custom-compile-command", "python3 dev lock"]
     for lock, own in (
-        (DEV_LOCK, "--group dev --extra dask --extra gym --extra search --extra xlsx"),
+        (DEV_LOCK, "--group dev --extra dask --extra gym --extra search --extra store --extra xlsx"),
         (LOCK, f"--group build --constraints {DEV_LOCK.name}"),
     ):
         command = [uv, "pip", "compile", PROJECT.name, *options.split(), *own.split(), *header, "-o", lock.name]

@@ -71,6 +71,18 @@ def test_it_is_found_again_and_gives_the_same_bits(folder, computed, compiled):
     assert len(compiled) == len(list(folder.glob(f"*{SUFFIX}"))) == 2
 
 
+def test_code_for_speed_is_used_at_once_where_it_is_kept(folder, computed, compiled, monkeypatch):
+    first = computed()
+    [quick] = folder.glob(f"*{SUFFIX}")
+    with monkeypatch.context() as patched:
+        patched.setattr(kernel, "MANY_ROUNDS", 0)
+        assert np.array_equal(computed(), first)
+    assert len(compiled) == 2
+    quick.unlink()
+    assert np.array_equal(computed(), first)
+    assert len(compiled) == 2
+
+
 @pytest.mark.parametrize(
     "damage", [lambda data: data[:-1] + bytes([data[-1] ^ 1]), lambda data: data[:40], lambda _: b""]
 )

@@ -76,18 +76,34 @@ def kept(made_from: Sequence[str | bytes], made: Callable[[], bytes]) -> bytes:
     folder = _folder()
     if folder is None:
         return made()
+    name = _name_for(made_from)
+    data = _read(folder, name)
+    if data is None:
+        data = made()
+        with contextlib.suppress(OSError):
+            _put(folder / f"{name}{SUFFIX}", _sealed(name, data))
+    return data
+
+
+def is_kept(made_from: Sequence[str | bytes]) -> bool:
+    """Whether `kept` has data without making them."""
+    folder = _folder()
+    return folder is not None and _read(folder, _name_for(made_from)) is not None
+
+
+def _name_for(made_from: Sequence[str | bytes]) -> str:
     parts = (part.encode() if isinstance(part, str) else part for part in made_from)
-    name = hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
-    place = folder / f"{name}{SUFFIX}"
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
+
+
+def _read(folder: Path, name: str) -> bytes | None:
+    """Data of a name; None where there are none, or what is there is damaged or of another name."""
     with contextlib.suppress(OSError):
-        result = place.read_bytes()
+        result = (folder / f"{name}{SUFFIX}").read_bytes()
         data = result[hashlib.sha256().digest_size :]
         if result == _sealed(name, data):
             return data
-    data = made()
-    with contextlib.suppress(OSError):
-        _put(place, _sealed(name, data))
-    return data
+    return None
 
 
 def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:

@@ -73,6 +73,7 @@ EXTRAS: Final = {
     "dask": "dask",
     "distributed": "dask",
     "duckdb": "query",
+    "fsspec": "store",
     "gymnasium": "gym",
     "optuna": "search",
     "python_calamine": "xlsx",

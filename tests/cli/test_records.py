@@ -38,6 +38,7 @@ def test_files_of_one_person_are_read_together(glucoloop, put):
     told = glucoloop("records", *put(nightscout_entries(12), treatments), "--time-zone", "Europe/Berlin", "--json").json
     none = dict.fromkeys(("carbs_g", "long_acting_U", "basal_U_h", "glucagon_ug"), 0)
     assert told["values"] == {"glucose_mg_dl": 12, "bolus_U": 1, **none}
+    assert (told["sums"], told["ranges"]["bolus_U"]) == ({"bolus_U": 1.5}, [1.5, 1.5])
     assert told["first"] == "2024-03-13 00:03:00"
 
 

@@ -302,11 +302,14 @@ def test_each_traced_person_of_a_trial_is_a_record(glucoloop, tmp_path):
             "controller": ["mpc"] * 289,
             "t_min": t_min,
             "glucose_mg_dl": [100.0 + person] * 289,
+            "insulin_mU_min": [20.0 + person] * 288 + [None],
         }
-        frame = pl.DataFrame(table, schema_overrides={"glucose_mg_dl": pl.Float32})
+        frame = pl.DataFrame(table, schema_overrides={"glucose_mg_dl": pl.Float32, "insulin_mU_min": pl.Float32})
         frame.write_parquet(tmp_path / "trial" / "shards" / f"0000{shard}" / "traces.parquet")
     records = glucoloop("report", "trial", "--json").json["records"]
     assert [(one["label"], one["mean_mg_dl"]) for one in records] == [("mpc person 3", 103.0), ("mpc person 8", 108.0)]
+    insulin = [(one["insulin_U_day"], one.get("basal_pct")) for one in records]
+    assert insulin == [(pytest.approx(23.0 * 1.44), None), (pytest.approx(28.0 * 1.44), None)]
     [group] = glucoloop("report", "trial", "--json").json["groups"]
     assert (group["label"], group["people"], group["mean_mg_dl"]["mean"]) == ("mpc", 2, 105.5)
 

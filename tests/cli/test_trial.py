@@ -193,7 +193,7 @@ def test_what_is_computed_is_told_before_anything_is_designed(glucoloop, monkeyp
     answer = glucoloop("trial", "--people", 2000, "--days", 2, "--controller", "mpc", "--controller", "meal-mpc",
                        "--out", "a")  # fmt: skip
     assert answer.err.startswith(
-        "Designing and compiling for 2000 people under mpc, meal-mpc; compiling meal-mpc takes up to a minute.\n"
+        "Designing and compiling for 2000 people under mpc, meal-mpc; compiling meal-mpc takes up to half a minute.\n"
     )
     assert "0 of 8 shards are kept" in answer.err
 
@@ -279,6 +279,8 @@ MISTAKES = {
     "trial --out a --workers 0": ["--workers is 0"],
     "trial --out a --dask here": ["no address of a scheduler", "tcp://10.0.0.1:8786"],
     "trial --out a --dask tcp://10.0.0.1:1 --workers 3": ["--workers is 3", "leave it out"],
+    "trial --out a --traces all --traces-at bucket": ["no address of a store", "s3://bucket/folder"],
+    "trial --out a --traces-at file:///t": ["--traces-at is file:///t", "add --traces all, or leave it out"],
     "trial --out a --integrator fast": ["--integrator", "glucoloop trial --help"],
     "query": ["DIR", "glucoloop query --help"],
     "query absent": ["absent is not a folder"],

@@ -49,6 +49,7 @@ DOORS = {
     "records/file_text.py": "the door itself: files of strangers",
     "storage/results.py": "JSON that was just made, and CSV of the text of a door",
     "storage/resumable.py": "compared with what is expected, byte by byte",
+    "trials/trace_store.py": "compared with what is expected, byte by byte, or by its digest",
     "records/user_files.py": "parts of an archive from a door, of a bounded size",
     "records/web_request.py": "answers of a site, of a bounded size and time",
     "_disk_cache.py": "a private folder, with a digest for each entry",

@@ -92,6 +92,15 @@ def test_a_part_of_the_last_value_is_not_a_value(tmp_path):
                 assert cut == ({why} if why and not end else set())
 
 
+def test_a_part_of_a_number_in_full_is_not_a_value(read):
+    others = ["7.123456789012345", "8.5", *(f"{7 + n / 7:.15f}" for n in range(20))]
+    rows = [f"2024-03-13 08:{n:02d},{value}" for n, value in enumerate(others)]
+    for last, cut in (("9.12", 1), ("9", 1), ("9.12345678901234", 0)):
+        with naming(last):
+            record = read("\n".join(["time,glucose_mmol_l", *rows, f"2024-03-13 09:00,{last}"]))
+            assert record.left_out == ({"a last row that is cut off": 1} if cut else {})
+
+
 def test_what_is_read_of_a_cut_file_stands_in_the_whole_one(tmp_path):
     for name in ("tandem", "t1d-uom", "replaybg", "carelink", "glooko"):
         whole = FILES[name]

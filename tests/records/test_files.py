@@ -5,13 +5,16 @@ import io
 import json
 import sqlite3
 import zipfile
-from datetime import datetime
+from datetime import datetime, timedelta
+from math import nan
 
+import polars as pl
 import pytest
 
 import glucoloop as gl
 from device_files import START, clarity, every, glucose, libre, nightscout_entries, nightscout_treatments
 from glucoloop.records import read_people
+from naming import naming
 from record_values import rates_of, reading_times
 
 
@@ -54,8 +57,47 @@ def test_an_export_of_glooko_is_one_person(read, tmp_path, folder):
     assert reading_times(record) == every(5, 40)
     assert record.frame["carbs_g"].sum() == 45.0
     assert record.frame["bolus_U"].sum() == 5.75
-    assert str([rate for _, rate in rates_of(record)]) == "[0.8, 0.0, nan]"
+    assert str([rate for _, rate in rates_of(record)]) == "[0.8, 0.0, nan, nan]"
     assert "1 file or table of the folder, ZIP or workbook that no reader knows: not read." in record.notes
+
+
+GLOOKO_DE = {
+    "cgm_data_1": "Name:X Y,Datumsbereich:13.03.2024 - 14.03.2024\nZeitstempel,CGM-Glukosewert (mg/dl),Seriennummer\n"
+    '13.03.2024 00:03,"100,0",S\n13.03.2024 00:08,"1,0",S\n13.03.2024 00:13,"2001,0",S\n',
+    "bolus_data_1": "Name:X Y\nZeitstempel,Insulin-Typ,Blutzuckereingabe (mg/dl),Kohlenhydrataufnahme (g),"
+    "Kohlenhydratverhältnis,Abgegebenes Insulin (E),Anfängliche Abgabe (E),Verzögerte Abgabe (E),Seriennummer\n"
+    '13.03.2024 08:00,Normal,,"46,2","10,0","4,55","3,55","1,0",S\n',
+    "basal_data_1": "Name:X Y\nZeitstempel,Insulin-Typ,Dauer (Minuten),Prozentsatz (%),Rate,Abgegebenes Insulin (E)\n"
+    '13.03.2024 00:00,Basal,60,100,"0,8","0,8"\n13.03.2024 01:00,Basal,30,50,,"0,2"\n'
+    '13.03.2024 05:00,Basal,60,100,"1,0","1,0"\n',
+    "manual_insulin_data_1": "Name:X Y\nZeitstempel,Name,Wert,Insulin-Typ\n"
+    '13.03.2024 09:00,NovoRapid,"2,5",Schnell\n13.03.2024 22:00,Toujeo,"18,0",Lang\n13.03.2024 23:00,X,"3,0",\n',
+    "food_data_1": "Name:X Y\nZeitstempel,Name,KH (g),Fett (g),Eiweiß (g),Kalorien,Portionen,Anzahl der Portionen\n"
+    '13.03.2024 08:01,Brot,"46,2",,,,,\n13.03.2024 12:00,Apfel,"15,0",,,,,\n',
+    "insulin_data_1": "Name:X Y\nZeitstempel,Bolus gesamt (U),Insulin gesamt (U),Basal gesamt (U)\n"
+    '13.03.2024 23:59,"12,5","31,2","18,7"\n',
+    "bg_data_1": "Name:X Y\nZeitstempel,Glukosewert (mg/dl),Manuelles Lesen\n13.03.2024 08:05,123,Ja\n",
+}
+
+
+def test_an_export_of_glooko_in_german(read):
+    record = read(zipped(**GLOOKO_DE))
+    assert record.frame.filter(pl.col("glucose_mg_dl") > 0)["out_of_range"].to_list() == [None, "low", "high"]
+    assert [carbs for carbs in record.frame["carbs_g"].drop_nulls()] == [
+        46.2,
+        15.0,
+    ]  # the meal of the bolus counts once
+    assert record.frame["bolus_U"].drop_nulls().to_list() == [4.55, 2.5]
+    assert record.frame["long_acting_U"].drop_nulls().to_list() == [18.0]
+    rates = record.frame.drop_nulls("basal_U_h").select(pl.col("time").dt.strftime("%H:%M"), "basal_U_h").rows()
+    assert str(rates) == str([("00:00", 0.8), ("01:00", 0.4), ("01:30", nan), ("05:00", 1.0), ("06:00", nan)])
+    assert record.left_out == {
+        "finger pricks": 1,
+        "daily totals": 1,
+        "doses of insulin of an unknown kind": 1,
+        "carbohydrate that another app has within 2 min": 1,
+    }
+    assert any("1 bolus has an extended part" in note for note in record.notes)
 
 
 def test_a_folder_of_people_is_people_and_not_merged(tmp_path):
@@ -330,3 +372,46 @@ def test_a_text_beside_a_table_in_a_zip_is_left_out_and_counted(tmp_path):
     assert any("1 file or table" in note and "not read" in note for note in record.notes)
     with pytest.raises(gl.Refusal, match=r"export\.csv: no line of its beginning has all of the columns Zeit, Zucker"):
         gl.read_record(tmp_path / "export.zip", columns="time=Zeit,glucose_mg_dl=Zucker", **named)
+
+
+def test_names_of_columns_with_a_delimiter_in_quotes(read):
+    text = 'time,"Carbs (Grams, Factor 1)",g\n2024-03-13 08:00,45,120\n'
+    columns = "time=time,carbs_g=Carbs (Grams, Factor 1),glucose_mg_dl=g"
+    [row] = read(text, columns=columns).frame.select("carbs_g", "glucose_mg_dl").rows()
+    assert row == (45.0, 120.0)
+
+
+def test_each_cell_of_glucose_is_in_its_own_unit(read):
+    both = "time,BZ\n2024-03-13 08:00,180 mg/dl\n2024-03-13 08:05,10.0 mmol/L\n2024-03-13 08:10,90\n"
+    record = read(both, columns="time=time,glucose_mg_dl=BZ")
+    assert record.frame["glucose_mg_dl"].to_list() == pytest.approx([180.0, 180.156, 90.0])
+    assert "1 cell of glucose in mmol/l, as the cell says." in record.notes
+    alone = "time,BZ\n2024-03-13 08:00,180 mg/dl\n2024-03-13 08:05,90 mg/dl\n"
+    record = read(alone, columns="time=time,glucose_mmol_l=BZ")
+    assert record.frame["glucose_mg_dl"].to_list() == [180.0, 90.0]
+    assert record.notes == ()
+
+
+def test_the_insulin_of_a_day_is_no_rate_of_an_hour(read, refused):
+    rows = [f"{START + n * timedelta(days=1):%Y-%m-%d %H:%M},{24 + n}" for n in range(4)]
+    for name, words in (
+        ("Basal (U/day)", "its name has 'U/day'"),
+        ("Total basal", "its name has 'Total'"),
+        ("Basal", "its basal rates make 600 U a day in the mean"),
+    ):
+        with naming(name):
+            text = "\n".join([f"time,{name}", *rows])
+            columns = f"time=time,basal_U_h={name}"
+            assert words in refused(text, columns=columns)
+            record = read(text, columns=columns, file_units="basal=U/day")
+            assert [rate for _, rate in rates_of(record)] == pytest.approx([1.0, 25 / 24, 26 / 24, 27 / 24])
+
+
+def test_columns_of_insulin_that_are_not_named_are_told(read):
+    text = "time,glucose_mg_dl,Insulin,KH,note,Bolus\n2024-03-13 08:00,120,4,45,x,\n"
+    assert read(text).notes == ("Not used, for they are not named: the columns 'Insulin', 'KH'.",)
+
+
+def test_a_document_for_reading_is_called_so(refused):
+    assert refused(b"%PDF-1.7\n%\xe2\xe3\n").startswith("it is a PDF, made for reading; export the data themselves")
+    assert refused(r"{\rtf1\ansi a}").startswith("it is a document in RTF")

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from device_files import START, carelink, every, nightscout_treatments, tandem
-from record_values import notes_of, profile, rates_of
+from record_values import minutes, notes_of, profile, rates_of, values
 
 
 def doses(record):
@@ -209,6 +209,58 @@ def test_type_of_a_bolus_of_pumps(read):
     assert types_of(read(carelink(pump, []))) == ["manual", "automatic", "manual", None]
     lines = tandem().replace('"Bolus","Standard","120"', '"Bolus","Automatic Bolus/Correction","120"', 1)
     assert types_of(read(lines)) == ["automatic", "manual", "manual", "manual", "manual"]
+
+
+def test_a_sum_of_automatic_insulin_is_the_basal_rate_of_its_day(read):
+    first, day = START.replace(minute=0), timedelta(days=1)
+    pump = [
+        (first + day, {"Bolus Volume Delivered": "27,6", "Bolus Source": "CLOSED_LOOP_AUTO_INSULIN"}),
+        (first + 2 * day, {"Bolus Volume Delivered": "12", "Bolus Source": "CLOSED_LOOP_AUTO_INSULIN"}),
+        (
+            first + 1.5 * day,
+            {"Bolus Volume Delivered": "4,5", "Bolus Source": "CLOSED_LOOP_BG_CORRECTION_AND_FOOD_BOLUS"},
+        ),
+        (first, {"Basal Rate": "0,8"}),
+        (first + 1.6 * day, {"Basal Rate": "2,0"}),
+        (first + 1.7 * day, {"Suspend": "USER_SUSPEND"}),
+    ]
+    sensor = [(first + 2.5 * day, {"Sensor Glucose": "120"})]
+    record = read(carelink(pump, sensor))
+    assert values(record, "bolus_U") == [(first + 1.5 * day, 4.5)]
+    rates = dict(values(record, "basal_U_h"))
+    assert rates == {
+        first: 0.8,
+        first + day: pytest.approx(1.15),
+        first + 1.6 * day: pytest.approx(1.15),
+        first + 2 * day: pytest.approx(1.0),  # the last day ends with the file, at noon
+        first + 2.5 * day: 2.0,
+    }
+    told = " ".join(record.notes)
+    assert "2 days have a sum of the insulin that automation gave" in told
+    assert "1 of these days has basal rates of the pump too" in told
+
+
+def test_after_a_day_of_automation_the_rate_is_not_known_without_one_of_the_pump(read):
+    first = START.replace(minute=0)
+    pump = [
+        (first, {"Basal Rate": "0,8"}),
+        (first + timedelta(days=1), {"Bolus Volume Delivered": "24", "Bolus Source": "CLOSED_LOOP_AUTO_INSULIN"}),
+    ]
+    record = read(carelink(pump, [(first + timedelta(days=3), {"Sensor Glucose": "120"})]))
+    assert str([rate for _, rate in values(record, "basal_U_h")]) == "[0.8, 1.0, nan]"
+
+
+def test_micro_boluses_take_the_place_of_the_basal_rate(read):
+    pump = [(minutes(0), {"Basal Rate": "1,2"}), (minutes(120), {"Basal Rate": "0,9"})]
+    pump += [
+        (minutes(60 + 5 * n), {"Bolus Volume Delivered": "0,1", "Bolus Source": "CLOSED_LOOP_MICRO_BOLUS"})
+        for n in range(12)
+    ]
+    record = read(carelink(pump, []))
+    changes = values(record, "basal_U_h")
+    assert [changes[0], changes[1], changes[-1]] == [(minutes(0), 1.2), (minutes(60), 0.0), (minutes(120), 0.9)]
+    assert {rate for _, rate in changes[1:-1]} == {0.0}
+    assert types_of(record) == ["automatic"] * 12
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Exports in the language of their owner: by the words of their header, or by the place of their columns."""
 
+import re
+
 import pytest
 
 from device_files import CARELINK_HEADER, START, carelink, clarity, every, glucose
@@ -85,6 +87,14 @@ CLARITY_HEADERS = {
         "Nízká",
     ),
 }
+
+
+def test_clarity_that_a_spreadsheet_wrote_again(read):
+    rows = [
+        re.sub(r"(\d{4})-(\d\d)-(\d\d)T(\d\d:\d\d):\d\d", r"\3/\2/\1 \4", line) for line in clarity(40).splitlines()[1:]
+    ]
+    text = "\n".join([CLARITY_HEADERS["Italian"][0], *rows]).replace(",", ";")
+    assert reading_times(read(text)) == every(5, 40)
 
 
 @pytest.mark.parametrize("language", CLARITY_HEADERS)

@@ -1,11 +1,13 @@
 """Entries, treatments and tables of Nightscout, against the values that were written into them."""
 
 import json
+from datetime import datetime
 
 import polars as pl
 import pytest
 
 from device_files import (
+    START,
     every,
     glucose,
     nightscout_entries,
@@ -82,3 +84,38 @@ def test_entries_of_nightscout_as_pairs_and_as_a_table(read, refused):
     table = "\n".join(["sgv,dateString,device", *rows])
     assert "it looks like mmol/l" in refused(table)
     assert list(readings(read(table, glucose_unit="mmol/l"))) == every(5, 40)
+
+
+def test_seconds_since_1970_are_no_milliseconds(read):
+    entries = json.loads(nightscout_entries())
+    seconds = [{**entry, "date": entry["date"] // 1000, "dateString": None} for entry in entries]
+    assert read(json.dumps(seconds)).frame.equals(read(json.dumps(entries)).frame)
+
+
+def test_times_without_an_offset_are_asked_about(read, refused):
+    meals = json.dumps([{"eventType": "Meal Bolus", "created_at": "2024-07-01T08:00:00", "insulin": 4}])
+    assert "its times tell no offset from UTC" in refused(meals)
+    [row] = read(meals, time_zone="Europe/Berlin").frame.select("time", "utc_offset_min").rows()
+    assert row == (datetime(2024, 7, 1, 8), 120)
+
+
+def test_the_zone_of_a_profile_in_other_letters(read):
+    profile = {
+        "defaultProfile": "A",
+        "store": {"A": {"timezone": "europe/berlin", "basal": [{"time": "00:00", "value": 1}]}},
+    }
+    record = read(nightscout_treatments((START, {"eventType": "Meal Bolus", "insulin": 4})), json.dumps([profile]))
+    assert "Europe/Berlin is the time zone that the files tell" in " ".join(record.notes)
+
+
+def test_what_carbohydrate_and_notes_do_not_say_is_told(read):
+    treatments = nightscout_treatments(
+        (START, {"eventType": "Carb Correction", "carbs": 60, "duration": 180}),
+        (START, {"eventType": "Carb Correction", "carbs": 8, "isFPU": True}),
+        (START, {"eventType": "Correction Bolus", "insulin": 20, "notes": "Tresiba"}),
+        (START, {"eventType": "Combo Bolus", "insulin": 2, "carbs": 30, "duration": 60}),
+    )
+    told = " ".join(read(treatments).notes)
+    assert "1 entry of carbohydrate over a time: the whole stands at the beginning." in told
+    assert "1 entry of carbohydrate that an app counts for fat and protein" in told
+    assert "1 bolus has the name of a long-acting insulin in the note, and counts as rapid-acting" in told

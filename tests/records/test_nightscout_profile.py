@@ -161,3 +161,11 @@ def test_anything_in_a_profile_gives_rates_or_nan(store, told, begin):
     given_one = {"defaultProfile": "Default", "startDate": begin, "mills": begin, "store": store}
     for _, rate in day_of([given_one], (DAY, told)):
         assert rate != rate or rate >= 0.0
+
+
+def test_a_treatment_of_1970_does_not_fill_decades_with_rates(read):
+    meals = [(START + timedelta(minutes=n), {"eventType": "Meal Bolus", "insulin": 1.0}) for n in range(120)]
+    far = (datetime(1970, 1, 1), {"eventType": "Meal Bolus", "insulin": 1.0})
+    record = read(nightscout_treatments(far, *meals), json.dumps([profile(begin="1969-01-01T00:00:00Z")]))
+    assert record.frame["time"][0] == START
+    assert record.frame["basal_U_h"].drop_nulls().to_list() == [3.0, 1.0]  # until midnight in UTC, and from there on

@@ -14,6 +14,7 @@ from device_files import (
     SERIAL,
     START,
     SURNAME,
+    apple_health,
     carelink,
     carelink_raw,
     clarity,
@@ -350,3 +351,49 @@ def test_juggluco(read):
         "amounts whose label is none of carbohydrate or insulin": 1,
         "rows that repeat another one": 13,
     }
+
+
+def health(kind, unit, value, begin, end=None, **metadata):
+    """Record of Apple's Health app, at minutes after midnight."""
+    at, until = (START.replace(minute=0) + timedelta(minutes=t) for t in (begin, begin if end is None else end))
+    entries = "".join(f'<MetadataEntry key="{key}" value="{text}"/>' for key, text in metadata.items())
+    return (
+        f'<Record type="HKQuantityTypeIdentifier{kind}" sourceName="Loop" unit="{unit}" '
+        f'startDate="{at} +0100" endDate="{until} +0100" value="{value}">\n {entries}\n</Record>'
+    )
+
+
+def test_apple_health(read):
+    basal, bolus = {"HKInsulinDeliveryReason": "1"}, {"HKInsulinDeliveryReason": "2"}
+    more = [
+        health("BloodGlucose", "mmol&lt;180.1558800000541&gt;/L", "5.5", 300),
+        health("BloodGlucose", "mg/dL", "99", 301, HKWasUserEntered="1"),
+        health("InsulinDelivery", "IU", "0.4", 0, 30, **basal),
+        health("InsulinDelivery", "IU", "0.1", 30, 60, **basal),
+        health("InsulinDelivery", "IU", "18", 1300, **basal),
+        health("InsulinDelivery", "IU", "4.5", 400, 401, **bolus),
+        health("InsulinDelivery", "IU", "3", 500, 620, **bolus),
+        health("InsulinDelivery", "IU", "2", 700),
+        health("DietaryCarbohydrates", "g", "45", 400),
+        health("StepCount", "count", "45", 400),
+    ]
+    record = read(apple_health(40, "\n".join(more)))
+    begin = START.replace(minute=0)
+    names = ("bolus_U", "basal_U_h")
+    told = {name: [(time - begin).seconds // 60 for time, _ in values(record, name)] for name in names}
+    assert told == {"bolus_U": [400, 500], "basal_U_h": [0, 30, 60]}
+    assert str([rate for _, rate in values(record, "basal_U_h")]) == "[0.8, 0.2, nan]"
+    assert values(record, "long_acting_U") == [(begin + timedelta(minutes=1300), 18.0)]
+    assert values(record, "carbs_g") == [(begin + timedelta(minutes=400), 45.0)]
+    assert record.frame["bolus_min"].drop_nulls().to_list() == [120.0]
+    assert expected(5).items() <= readings(record).items()
+    assert record.frame["glucose_mg_dl"].drop_nulls()[-1] == pytest.approx(99.0858)
+    assert set(record.frame["utc_offset_min"]) == {60}
+    assert record.left_out == {
+        "finger pricks, which a person entered": 1,
+        "doses of insulin of an unknown kind": 1,
+    }
+
+
+def test_an_export_of_health_that_breaks_off_is_refused(refused):
+    assert refused(apple_health()[:-20]).startswith("its XML breaks off or is damaged")

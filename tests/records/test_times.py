@@ -9,6 +9,7 @@ import pytest
 import glucoloop as gl
 from device_files import START, clarity, every, glucose, libre, nightscout_entries
 from naming import naming
+from record_values import reading_times
 
 
 def test_dates_that_fit_both_orders_are_asked_about(read, refused):
@@ -30,6 +31,19 @@ def readings_of(record):
 def test_dates_that_fit_one_order_are_read_in_it(read, order):
     record = read(libre(200, order=order))
     assert record.frame["time"].to_list() == every(15, 200)
+
+
+def test_a_year_of_two_digits_stands_where_dates_lie_close_together(read, refused):
+    for order in ("%y-%m-%d", "%y/%m/%d", "%d-%m-%y", "%m/%d/%y", "%d.%m.%y"):
+        with naming(order):
+            assert read(libre(200, order=order)).frame["time"].to_list() == every(15, 200)
+    start = datetime(2012, 10, 10, 0, 3)
+    for order, name in (("%y-%m-%d", "year-first"), ("%d-%m-%y", "day-first")):
+        with naming(order):
+            text = libre(20, order=order, start=start)
+            assert "which could be the first or the last number" in refused(text)
+            assert read(text, dates=name).frame["time"][0] == start
+    assert "its dates have the year last" in refused(libre(20, order="%d-%m-%Y"), dates="year-first")
 
 
 def test_a_clock_of_twelve_hours_without_its_half_is_refused(read, refused):
@@ -189,6 +203,21 @@ def test_an_offset_in_the_text_of_a_time_is_known(read):
     assert set(told["utc_offset_min"]) == {-330}
 
 
+def test_a_few_rows_of_a_clock_that_was_not_set_are_left_out(read):
+    rows = [f"{time:%Y-%m-%d %H:%M},100" for time in every(5, 300)]
+    far = [f"{year}-01-01 00:0{n},300" for year in (1970, 2044) for n in range(1, 2)]
+    record = read("\n".join(["time,glucose_mg_dl", far[0], *rows, far[1]]))
+    assert reading_times(record) == every(5, 300)
+    assert record.left_out == {"rows that lie a quarter of a year from all others, as by a wrong clock or year": 2}
+    assert any("1970-01-01 00:01, 2044-01-01 00:01" in note for note in record.notes)
+
+
+def test_two_parts_of_a_record_that_lie_years_apart_stay(read):
+    later = [time.replace(year=2026) for time in every(5, 30)]
+    rows = [f"{time:%Y-%m-%d %H:%M},100" for time in [*every(5, 300), *later]]
+    assert reading_times(read("\n".join(["time,glucose_mg_dl", *rows]))) == [*every(5, 300), *later]
+
+
 def test_gaps_are_told(read):
     text = clarity(20) + "\n".join(clarity(20, start=START + timedelta(hours=6)).splitlines()[5:])
     assert read(text).notes[-1] == (
@@ -239,8 +268,8 @@ def test_an_unknown_time_zone_and_an_unknown_order_are_refused(refused):
     assert refused(clarity(), time_zone="Mars/Olympus") == (
         "time_zone is 'Mars/Olympus'; give the name of one, like Europe/Berlin"
     )
-    with pytest.raises(gl.Refusal, match="dates is 'year-first'; give day-first or month-first"):
-        gl.read_record("no file", dates="year-first")
+    with pytest.raises(gl.Refusal, match="dates is 'sideways'; give day-first, month-first or year-first"):
+        gl.read_record("no file", dates="sideways")
 
 
 @pytest.mark.parametrize("year", ["024", "24", "0024", "0999", "9999"])

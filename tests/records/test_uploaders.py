@@ -98,3 +98,20 @@ def test_two_sensors_in_a_table_that_names_none_are_told_and_kept(read):
     assert "Readings follow two trajectories at the same time for 5 hours" in notes_of(record)
     one = read("\n".join(["time,glucose_mg_dl", *(f"{time:%Y-%m-%d %H:%M},{value}" for time, value in rows[:60])]))
     assert "two trajectories" not in notes_of(one)
+
+
+def test_two_uploads_in_a_table_that_names_no_source_count_once(read):
+    rows = [(time, f"{glucose(n)},{4 if n % 20 == 0 else ''}") for n, time in enumerate(every(5, 200))]
+    later = [(time + timedelta(seconds=40), cells) for time, cells in rows[:100]]
+    text = "\n".join(["time,glucose_mg_dl,bolus_U", *(f"{time},{cells}" for time, cells in [*rows, *later])])
+    record = read(text)
+    assert record.frame["time"].to_list() == every(5, 200)
+    assert record.frame["bolus_U"].sum() == 4.0 * 10
+    assert record.left_out == {"readings that stand there twice, at slightly different times": 100}
+    assert any(note.startswith("Readings stand there twice for 8 hours") for note in record.notes)
+
+
+def test_a_sensor_that_says_nearly_the_same_for_a_while_is_no_second_upload(read):
+    rows = [f"{time},{glucose(n)}" for n, time in enumerate(every(5, 200))]
+    other = [f"{time + timedelta(seconds=80)},{glucose(n) + 3}" for n, time in enumerate(every(5, 100))]
+    assert not read("\n".join(["time,glucose_mg_dl", *rows, *other])).left_out

@@ -220,6 +220,18 @@ def ohio(**lists):
     return f'{head}<patient id="{SERIAL}" weight="99" insulin_type="Novalog">\n{parts}\n</patient>\n'
 
 
+def apple_health(count=40, more=""):
+    """Export of Apple's Health app: readings of one app, and what else is given."""
+    begin = '<Record type="HKQuantityTypeIdentifier'
+    rows = [
+        f'{begin}BloodGlucose" sourceName="Dexcom G7" unit="mg/dL" startDate="{time:%Y-%m-%d %H:%M:%S} +0100" '
+        f'endDate="{time:%Y-%m-%d %H:%M:%S} +0100" value="{glucose(n)}"/>'
+        for n, time in enumerate(every(5, count))
+    ]
+    head = '<?xml version="1.0" encoding="UTF-8"?>\n<!DOCTYPE HealthData [\n<!ELEMENT HealthData (Record)*>\n]>'
+    return "\n".join([head, '<HealthData locale="de_DE">', *rows, more, "</HealthData>"]) + "\n"
+
+
 def glooko(count=40):
     """Glooko's file of the sensor."""
     rows = [f"{time:%Y-%m-%d %H:%M},{glucose(n)},{SERIAL}" for n, time in enumerate(every(5, count))]
@@ -409,6 +421,7 @@ FILES = {
     "simglucose": simulated(("Time", "BG", "CGM", "CHO", "insulin", "LBGI")),
     "replaybg": simulated(("t", "glucose", "cho", "bolus", "basal")),
     "table": simulated(("time", "glucose_mg_dl", "carbs_g", "bolus_U")),
+    "apple-health": apple_health(30),
     "ohio": ohio(glucose_level=[{"ts": f"{time:%d-%m-%Y %H:%M:%S}", "value": "100"} for time in every(5, 30)]),
 }
 """A file of each vendor, with 30 readings."""

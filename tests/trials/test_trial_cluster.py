@@ -17,7 +17,7 @@ import pytest
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.refusal import Refusal
-from glucoloop.trials import engine
+from glucoloop.trials import computing, engine
 from glucoloop.trials.computing import ComputedShard, Workers, connected, run_here, run_on_cluster, shard_on_worker
 from glucoloop.trials.folder import trial_folder
 from glucoloop.trials.shard import compute_shard
@@ -109,7 +109,7 @@ class Refusing:
         def fails(trial, index, *arguments):
             if errors:
                 raise errors.pop(0)
-            return ComputedShard(compute_shard(trial, index, pretend(trial)), processor)
+            return ComputedShard(compute_shard(trial, index, pretend(trial)), processor, {})
 
         return self.client.submit(fails, *arguments, **options)
 
@@ -127,6 +127,32 @@ def test_shard_that_fails_is_tried_again(tmp_path, make_trial, client, pretend):
     with trial_folder(tmp_path / "out", make_trial()) as folder:
         run_on_cluster(folder, Refusing(client, [[RuntimeError("a"), RuntimeError("b")]], pretend), lambda people: None)
         assert folder.done == 5
+
+
+def test_workers_write_traces_to_the_store_and_send_the_rest(tmp_path, make_trial, client, pretend, monkeypatch):
+    trial = make_trial(traces=100)
+    monkeypatch.setattr(engine, "prepare", lambda trial: None)
+    monkeypatch.setattr(
+        computing, "compute_shard", lambda trial, index, of: compute_shard(trial, index, pretend(trial))
+    )
+    sent, store = [], tmp_path / "store"
+    with (
+        trial_folder(tmp_path / "here", trial) as here,
+        trial_folder(tmp_path / "out", trial, traces_at=f"file://{store}") as folder,
+    ):
+        run_here(here, pretend(trial))
+        put = folder.put
+        monkeypatch.setattr(folder, "put", lambda index, files, *of: sent.append({*files}) or put(index, files, *of))
+        run_on_cluster(folder, client, lambda people: None)
+        assert folder.missing() == []
+    assert sent == [{"people.parquet", "bands.parquet"}] * 5
+    in_the_folder = {
+        name: data for name, data in contents(tmp_path / "here").items() if name.endswith("traces.parquet")
+    }
+    assert len(in_the_folder) == 2
+    in_the_store = contents(store)
+    assert json.loads(in_the_store.pop("trial.json"))["people"] == 300
+    assert in_the_store == in_the_folder
 
 
 @pytest.mark.parametrize(
@@ -203,7 +229,7 @@ def test_another_processor_is_taken_in_portable_arithmetic_alone(monkeypatch, ma
     with pytest.raises(Refusal, match=f"a worker has processor another, .*; {remedy}"):
         shard_on_worker(make_trial(), 0, glucoloop.__version__, here)
     portable = make_trial(arithmetic="portable")
-    assert shard_on_worker(portable, 0, glucoloop.__version__, here) == ComputedShard({}, "another")
+    assert shard_on_worker(portable, 0, glucoloop.__version__, here) == ComputedShard({}, "another", {})
     with pytest.raises(Refusal, match=r"a worker has numpy .* and here it is 1,.*run the same command again$"):
         shard_on_worker(portable, 0, glucoloop.__version__, {**here, "numpy": "1"})
 

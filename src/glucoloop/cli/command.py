@@ -163,6 +163,15 @@ DASK: Final = CommandOption(
     panel=WORK_PANEL,
     metavar="ADDRESS",
 )
+TRACES_AT: Final = CommandOption(
+    "traces_at",
+    "--traces-at",
+    "Store of objects for the traces of --traces, in place of the folder, like s3://bucket/folder; each worker writes "
+    "its own.",
+    panel=WORK_PANEL,
+    metavar="ADDRESS",
+    rare=True,
+)
 NOISE: Final = CommandOption(
     "noise",
     "--noise",

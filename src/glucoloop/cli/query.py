@@ -43,6 +43,7 @@ def _query(typed: Given) -> None:
     with trial_tables(Path(folder)) as tables:
         if tables.done < tables.shards:
             note([f"{tables.done} of {tables.shards} shards are done; the answer is about these."])
+        note(tables.notes)
         if sql is None and typed.get("json"):
             print_value(tables.views)
             return

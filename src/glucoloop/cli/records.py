@@ -11,6 +11,8 @@ from glucoloop.cli.screen import file_to_write, print_text, print_value, show, w
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from glucoloop.records import DeviceRecord
 
 HELP: Final = (
@@ -49,7 +51,7 @@ _ANSWERS: Final = (
         "--dates",
         "Order of day and month, where all dates could be either.",
         panel=_READING,
-        metavar="day-first|month-first",
+        metavar="day-first|month-first|year-first",
     ),
     CommandOption(
         "glucose_unit",
@@ -187,9 +189,21 @@ def _described(record: DeviceRecord) -> dict[str, Any]:
         "first": str(times.min()),
         "last": str(times.max()),
         "values": {name: record.frame.height - record.frame[name].null_count() for name in counted},
+        "ranges": {name: ends for name in counted if (ends := _range_of(record.frame[name]))},
+        "sums": {name: float(record.frame[name].sum()) for name in _SUMMED if record.frame[name].is_not_null().any()},
         "devices": sorted(record.frame["device"].drop_nulls().unique()),
         "notes": list(record.notes),
     }
+
+
+_SUMMED: Final = ("carbs_g", "bolus_U", "long_acting_U", "glucagon_ug")
+"""Columns of amounts, which have a sum."""
+
+
+def _range_of(column: pl.Series) -> list[float] | None:
+    """Smallest and largest number of a column; None if it has none."""
+    numbers = column.drop_nulls().drop_nans()
+    return [float(numbers.min()), float(numbers.max())] if len(numbers) else None  # type: ignore[arg-type]
 
 
 def _print_record(record: DeviceRecord) -> None:
@@ -203,9 +217,11 @@ def _print_record(record: DeviceRecord) -> None:
         f"{summary['rows_used']} of {summary['rows']} rows are used, from {summary['first']} to {summary['last']}."
     )
     table = Table("Column", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("Values", justify="right")
+    for name in ("Values", "Minimum", "Maximum", "Sum"):
+        table.add_column(name, justify="right")
     for name, count in summary["values"].items():
-        table.add_row(name, str(count))
+        numbers = [*summary["ranges"].get(name, [None, None]), summary["sums"].get(name)]
+        table.add_row(name, str(count), *("" if number is None else f"{number:.2f}" for number in numbers))
     show(FittingTable(table))
     for note in record.notes:
         print_text(note)

@@ -14,7 +14,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from glucoloop.cli.command import DASK, OUTPUT, SET, UNITS, WORKERS, Command, CommandOption, Given, options_of, reworded
+from glucoloop.cli.command import (
+    DASK,
+    OUTPUT,
+    SET,
+    TRACES_AT,
+    UNITS,
+    WORKERS,
+    Command,
+    CommandOption,
+    Given,
+    options_of,
+    reworded,
+)
 from glucoloop.cli.errors import interrupted
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import CommandRequest, Output, command_request, configuration_of, notes_without_effect
@@ -48,7 +60,7 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
     """Options of a study: the settings of what it asks for, in its words, and where its results go."""
     options = options_of(study.request)
     if isinstance(study, TrialStudy):
-        options += (WORKERS, DASK) if study.on_clusters else (WORKERS,)
+        options += (WORKERS, DASK, TRACES_AT) if study.on_clusters else (WORKERS,)
     help_of_output = {}
     if not isinstance(study, PlainStudy):
         out = f"Folder of {study.what}; an unfinished one is resumed."
@@ -223,14 +235,18 @@ class _StudyRun:
 def _run_trial(study: TrialStudy, request: CommandRequest, typed: Given) -> StudyOutcome:
     from glucoloop.trials.computing import Workers
     from glucoloop.trials.folder import SHARDS, TrialFolder, trial_folder
+    from glucoloop.trials.trace_store import store_address
 
     workers = Workers.of(typed.get(WORKERS.key), typed.get(DASK.key))
+    traces_at = store_address(typed[TRACES_AT.key]) if TRACES_AT.key in typed else None
     out = _needed_folder(study, request.output)
     _refuse_unusable(study, out, TrialFolder, SHARDS, overwrite=request.output.overwrite)
     run = _StudyRun.of(study, request)
     module = run.module
 
     work, trial, start = run.work(study.extent), module.trial_of(run.config), time.monotonic()
+    if traces_at is not None and trial.traces == "none":
+        raise Refusal(f"--traces-at is {traces_at}, but no traces are kept; add --traces all, or leave it out")
     if request.output.overwrite:
         from glucoloop.trials.engine import prepare
 
@@ -245,11 +261,12 @@ def _run_trial(study: TrialStudy, request: CommandRequest, typed: Given) -> Stud
             results: Results = module.results_of(run.config, folder)
             return results
 
-    results = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
+    folder = trial_folder(out, trial, overwrite=request.output.overwrite, work=work, traces_at=traces_at)
+    results = run.carry_out(folder, compute)
     files = _paths(out, *work.final, work.configuration)
-    return StudyOutcome(
-        run, results, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}."
-    )
+    elsewhere = "" if traces_at is None else f", and their traces to {traces_at}"
+    written = f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}{elsewhere}."
+    return StudyOutcome(run, results, files, written)
 
 
 def _compute_shards(folder: TrialFolder, workers: Workers) -> None:

@@ -125,8 +125,8 @@ class ControllerComponent(PytreeComponent):
     used: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE | {TIME_OF_DAY, CHANCE}
     """Needs that it meets, by what it uses; one that does not say it is taken to use everything."""
     slow: ClassVar[bool] = False
-    """Whether it takes long to compile, up to a minute, and some twenty times as long as linear MPC to decide, so that
-    studies of many loops use fewer and shorter ones with it."""
+    """Whether it takes long to compile, up to half a minute, and some twenty times as long as linear MPC to decide, so
+    that studies of many loops use fewer and shorter ones with it."""
     searched: ClassVar[tuple[Tuned, ...]] = ()
     """Settings that `glucoloop robust` can search, with their default ranges."""
 

@@ -14,6 +14,7 @@ from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 DAY_FIRST: Final = "day-first"
 MONTH_FIRST: Final = "month-first"
+YEAR_FIRST: Final = "year-first"
 UNITS: Final = ("mg/dl", "mmol/l")
 TARGETS: Final = (
     "time",
@@ -38,7 +39,7 @@ class Answers:
     """Answers to what a file leaves open; None and nothing where they were not given."""
 
     dates: str | None = None
-    """Order of day and month."""
+    """Order of day and month, or that a year of two digits comes first."""
     glucose_unit: str | None = None
     time_zone: str | None = None
     """Time zone of the clock on the wall, as ``Europe/Berlin``."""
@@ -57,7 +58,7 @@ class Answers:
 
     def __post_init__(self) -> None:
         for name, value, choices in (
-            ("dates", self.dates, (DAY_FIRST, MONTH_FIRST)),
+            ("dates", self.dates, (DAY_FIRST, MONTH_FIRST, YEAR_FIRST)),
             ("glucose_unit", self.glucose_unit, UNITS),
         ):
             if value is not None and value not in choices:
@@ -81,9 +82,12 @@ class Answers:
             raise Refusal("columns name glucose in mg/dl and in mmol/l; leave one out")
 
 
+_NEXT_PAIR: Final = re.compile(r",(?=[^,=]*=)")
+
+
 def pairs_from_text(text: str, what: str, example: str) -> dict[str, str]:
-    """Names and their texts from one like ``time=Zeit,glucose_mg_dl=BZ``."""
-    pairs = [part.partition("=") for part in text.split(",")]
+    """Names and their texts from one like ``time=Zeit,glucose_mg_dl=BZ``; a text may have commas in it."""
+    pairs = [part.partition("=") for part in _NEXT_PAIR.split(text)]
     for target, sign, name in pairs:
         if not (sign and target.strip() and name.strip()):
             raise Refusal(f"{what} are {text!r}; give them like {example}")

@@ -12,11 +12,12 @@ import polars as pl
 
 from glucoloop.records.answers import TARGETS, Answers
 from glucoloop.records.extract import Extract, extract_frame
-from glucoloop.records.file_text import FileText
+from glucoloop.records.file_text import DELIMITERS, FileText, fields_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.refusal import Refusal
+from glucoloop.text import the_first
 from glucoloop.units import MIN_PER_DAY, S_PER_MIN
 
 _UNITS: Final = {"glucose_mg_dl": "mg/dl", "glucose_mmol_l": "mmol/l"}
@@ -45,6 +46,15 @@ _MILLIUNITS: Final = re.compile(r"(?<![A-Za-z])m(I?U|IE|UI)(?![a-z])(\s*/\s*\w+)
 _EXCHANGES: Final = re.compile(r"\b(1[0-9] ?g|BE|KE|KHE|[Ee]xchanges?|[Pp]ortions?|[Ss]ervings?|Broteinheit(en)?)\b")
 _MILLIGRAMS: Final = re.compile(r"(?i)(?<![a-z])mg(?![a-z])")
 _PER_MINUTE: Final = re.compile(r"(?i)(?<![a-z])(i?u|ie|ui)\s*(/|per)\s*(\d+\s*)?min")
+_PER_DAY: Final = re.compile(
+    r"(?i)(?<![a-z])(i?u|ie?|ui|e|units?)\s*(/|per|pro|par)\s*(d|day|tag|jour|día|giorno|dag|24\s*h)(?![a-z])"
+    r"|\b(daily|tdd|total|tagesdosis|per day|pro tag|par jour|24\s*h)\b"
+)
+_OF_VALUES: Final = re.compile(
+    r"(?i)insulin|bolus|basal|carb|glu[ck]o|glyc|glic|zucker|kohlenh|koolh|glucid|hidrat|kolhyd|(?<![a-z])(bg|bz|kh|ke|sgv)"
+    r"(?![a-z])"
+)
+"""Words in the names of columns that hold insulin, carbohydrate or glucose."""
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
 
@@ -92,6 +102,7 @@ class AnyTable(ReaderComponent, name="table"):
         person = table.frame.select(table.texts(who)).to_series() if who else None
         if who:
             notes.append("The table has a column that says whose each row is.")
+        notes += _on_unused(table.frame, set(columns.values()))
         return Extract(
             frame=extract_frame(frame, times, table.spoilt, **values, person=pl.lit(person)),
             glucose_unit=_UNITS.get(kept.get("glucose", "")),
@@ -117,6 +128,15 @@ class AnyTable(ReaderComponent, name="table"):
         return {}
 
 
+def _on_unused(frame: pl.DataFrame, used: set[str]) -> list[str]:
+    """Sentence on columns with values that are not used, and whose names say insulin, carbohydrate or glucose."""
+    names = [name for name in frame.columns if name not in used and _OF_VALUES.search(name)]
+    filled = [name for name in names if frame[name].str.strip_chars().replace("", None).drop_nulls().len()]
+    if not filled:
+        return []
+    return [f"Not used, for they are not named: the columns {the_first([repr(name) for name in filled])}."]
+
+
 def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
     """Refuse a column of amounts whose own name has another unit than the record, and no answer says which."""
     exchanges = _EXCHANGES.search(columns.get("carbs_g", ""))
@@ -135,6 +155,12 @@ def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
         text = columns.get(target, "")
         other = (_MILLIGRAMS if target == "glucagon_ug" else _MILLIUNITS).search(text)
         other = other or (_PER_MINUTE.search(text) if target == "basal_U_h" else None)
+        of_day = _PER_DAY.search(text) if target == "basal_U_h" and other is None else None
+        if of_day is not None and name not in answers.file_units:
+            raise Refusal(
+                f"the column {text!r} is taken as {unit}, and its name has {of_day[0]!r}",
+                f"say its unit, as file_units='{name}=U/day' (--file-units) for the insulin of a day, or {name}=U/h",
+            )
         if other is not None and name not in answers.file_units:
             own = other[0].replace(" ", "")
             raise Refusal(
@@ -194,13 +220,18 @@ def _own_names(content: FileText) -> dict[str, str]:
             "its columns have no names of a record", "name them, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"
         )
     number, delimiter = place
-    fields = [text.strip().strip('"').casefold() for text in content.head[number].split(delimiter)]
+    fields = [text.strip().strip('"').casefold() for text in fields_of(content.head[number], delimiter)]
     return {target: target for target in TARGETS if target.casefold() in fields}
 
 
 def _likely(content: FileText, names: dict[str, str]) -> str:
     """Names of the file that are like those that were given; nothing else of the file, which may name a person."""
-    fields = {text.strip().strip('"') for line in content.head[:5] for text in re.split("[,;\t|]", line)}
+    fields = {
+        text.strip().strip('"')
+        for line in content.head[:5]
+        for delimiter in DELIMITERS
+        for text in fields_of(line, delimiter)
+    }
     near = [match for name in names.values() for match in difflib.get_close_matches(name, fields - {name}, n=1)]
     return f"did you mean {' and '.join(map(repr, near))}?" if near else "give the names as they stand in the file"
 

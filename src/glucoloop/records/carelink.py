@@ -3,23 +3,39 @@
 The file has a section for each device, which begins with a line of dashes and a header. Numbers have a point or a
 comma. A bolus is logged twice, as it was selected and as it was delivered; the delivered dose counts. Sensors read from
 40 to 400 mg/dl. Where the words of a header are not known, columns are taken by their place.
+
+Under automation a pump logs its insulin in one of two ways. A 780G has one row for each day, at midnight, with the sum
+of the automatic insulin of that day (``CLOSED_LOOP_AUTO_INSULIN``), which is no bolus: it is given here as a basal rate
+over that day. A 670G has micro-boluses every 5 min, which take the place of the basal rate until one is logged again.
 """
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Final, NamedTuple
 
 import polars as pl
 
 from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.carelink_raw import notes_on_clock, place_of_raw
 from glucoloop.records.devices import kind_of
-from glucoloop.records.extract import BasalEvent, Extract, basal_rates, bolus_types, extract_frame, with_basal
+from glucoloop.records.extract import (
+    BasalEvent,
+    Extract,
+    basal_rates,
+    bolus_types,
+    extract_frame,
+    number_in,
+    with_basal,
+)
 from glucoloop.records.file_text import CellTable, FileText, table_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
-from glucoloop.units import number_of
+from glucoloop.text import how_many
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H, S_PER_MIN, number_of
 
 _HEADER: Final = ("Index", "Date", "Time", "Sensor Glucose (")
 _RULE: Final = "-------"
@@ -74,6 +90,8 @@ _RUNNING: Final = (
 )
 """Beginnings of words of the state of a pump that delivers again."""
 _PERCENT: Final = ("percent", "prozent", "pourcent", "porcent", "percentu", "procent", "prosent", "prosentt", "%")
+_DAY_SUM, _MICRO_BOLUS = "AUTO_INSULIN", "MICRO_BOLUS"
+"""Parts of the sources of boluses under automation."""
 _SQUARE: Final = ("square", "carr", "cuadrad", "quadra", "vierkant", "blok", "verzög", "prostok", "fyrkant", "firkant")
 
 
@@ -130,13 +148,14 @@ class CareLink(ReaderComponent, name="carelink"):
             .otherwise(pl.lit("entries about the device"))
         )
         notes += notes_on_clock(frame)
+        of_day = pl.col("bolus_source").str.contains(_DAY_SUM).fill_null(False)
         result = extract_frame(
             frame,
             times,
             spoilt,
             glucose=pl.col("glucose"),
             carbs=pl.coalesce("carbs", meal),
-            bolus=pl.col("bolus"),
+            bolus=pl.when(~of_day).then("bolus"),
             bolus_min=pl.lit(_bolus_minutes(frame)),
             bolus_type=bolus_types(pl.col("bolus_source"), "AUTO|MICRO"),
             source=pl.col("device"),
@@ -144,6 +163,9 @@ class CareLink(ReaderComponent, name="carelink"):
             kind=kind,
         )
         events, unreadable = _basal_events(frame, result)
+        sums = _day_sums(frame, result)
+        if sums:
+            events = _with_day_sums(events, sums, notes)
         if unreadable:
             notes.append(f"{unreadable} entries of basal rates hold no number.")
         unit = next(iter(units), None)
@@ -195,14 +217,18 @@ def _columns(table: CellTable, known: bool) -> dict[str, str | None]:
 def _basal_events(frame: pl.DataFrame, result: pl.DataFrame) -> tuple[list[BasalEvent], int]:
     """Entries about the basal rate, and the number of those that cannot be read."""
     about = ("basal", "temp", "temp_type", "temp_duration", "suspend")
-    logged = frame.select(*about).with_columns(result["row"], result["time"]).reverse()
+    micro = pl.col("bolus_source").str.contains(_MICRO_BOLUS).fill_null(False) & pl.col("bolus").is_not_null()
+    logged = frame.select(*about, micro=micro).with_columns(result["row"], result["time"]).reverse()
     logged = logged.filter(
-        pl.any_horizontal(pl.col("basal", "temp", "suspend").is_not_null()) & pl.col("time").is_not_null()
+        (pl.any_horizontal(pl.col("basal", "temp", "suspend").is_not_null()) | pl.col("micro"))
+        & pl.col("time").is_not_null()
     )
     events: list[BasalEvent] = []
     unreadable = 0
     for entry in logged.iter_rows(named=True):
         at = {"row": entry["row"], "time": entry["time"]}
+        if entry["micro"]:
+            events.append(BasalEvent(**at, what="usual", value=0.0))
         try:
             if entry["suspend"] is not None:
                 events.append(
@@ -225,6 +251,66 @@ def _basal_events(frame: pl.DataFrame, result: pl.DataFrame) -> tuple[list[Basal
         except ValueError:
             unreadable += 1
     return events, unreadable
+
+
+class _DaySum(NamedTuple):
+    """Automatic insulin of one day."""
+
+    row: int
+    day: datetime
+    """Midnight at which the day begins."""
+    insulin_U: float
+    minutes: float
+    """Time over which it was given: the day, or of the last one the part that the file has."""
+
+
+def _day_sums(frame: pl.DataFrame, result: pl.DataFrame) -> list[_DaySum]:
+    """Sums of the automatic insulin of each day, in the order of time; the last one of a day that has several."""
+    last = result["time"].max()
+    sums = frame.select("bolus_source", "bolus").with_columns(result["row"], result["time"])
+    sums = sums.filter(pl.col("bolus_source").str.contains(_DAY_SUM), pl.col("time").is_not_null()).sort("time")
+    days: dict[datetime, _DaySum] = {}
+    for entry in sums.iter_rows(named=True):
+        day = entry["time"].replace(hour=0, minute=0, second=0, microsecond=0)
+        insulin = number_in(entry["bolus"])
+        if insulin is None or not isinstance(last, datetime):
+            continue
+        minutes = min((last - day).total_seconds() / S_PER_MIN, MIN_PER_DAY)
+        days[day] = _DaySum(entry["row"], day, insulin, minutes if minutes > 0.0 else MIN_PER_DAY)
+    return list(days.values())
+
+
+def _with_day_sums(events: Sequence[BasalEvent], sums: Sequence[_DaySum], notes: list[str]) -> list[BasalEvent]:
+    """Entries about the basal rate of which, on a day with a sum of automatic insulin, that sum alone counts."""
+    days = {own.day.date() for own in sums}
+    inside = [event for event in events if event.time.date() in days]
+    kept = [event for event in events if event.time.date() not in days]
+    given = [
+        BasalEvent(
+            row=own.row,
+            time=own.day,
+            what="absolute",
+            value=own.insulin_U * MIN_PER_H / own.minutes,
+            minutes=own.minutes,
+        )
+        for own in sums
+    ]
+    notes.append(
+        f"{how_many(len(sums), 'day has', 'days have')} a sum of the insulin that automation gave, basal and automatic "
+        "corrections, and not its times: it is spread evenly over the day as a basal rate."
+    )
+    own_rates = {
+        event.time.date() for event in inside if event.what in ("usual", "absolute", "percent") and event.value
+    }
+    if own_rates:
+        notes.append(
+            f"{how_many(len(own_rates), 'of these days has', 'of these days have')} basal rates of the pump too, and "
+            "nothing tells how long they ran beside automation: they were not used there."
+        )
+    # What holds after the last of these days is the rate that the pump logged last in them, if any.
+    after = [event for event in inside if event.what == "usual" and event.value]
+    after = after or [BasalEvent(row=sums[0].row, time=sums[0].day, what="usual", value=math.nan)]
+    return [*kept, *given, *after]
 
 
 def _bolus_minutes(frame: pl.DataFrame) -> pl.Series:

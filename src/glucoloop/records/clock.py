@@ -11,6 +11,7 @@ the course of glucose tells which reading follows which.
 
 from __future__ import annotations
 
+import functools
 import math
 import zoneinfo
 from collections.abc import Sequence
@@ -39,16 +40,22 @@ _ASK: Final = "say the time zone of the person with time_zone (--time-zone)"
 
 
 def zone_named(name: object) -> str | None:
-    """Name of a time zone as it is registered, also for one that Loop writes like ``ETC/GMT+5``; None if it is none."""
+    """Name of a time zone as it is registered, also for one in other letters, as ``ETC/GMT+5``; None if it is none."""
     if not isinstance(name, str) or not name:
         return None
-    name = f"Etc/{name[4:]}" if name[:4].upper() == "ETC/" else name
+    name = _registered().get(name.strip().casefold(), name)
     try:
         zoneinfo.ZoneInfo(name)
         pl.select(pl.lit(datetime(2000, 1, 1)).dt.replace_time_zone(name))
     except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError, pl.exceptions.PolarsError):
         return None
     return name
+
+
+@functools.cache
+def _registered() -> dict[str, str]:
+    """Names of time zones by themselves in small letters."""
+    return {name.casefold(): name for name in zoneinfo.available_timezones()}
 
 
 def on_one_clock(frame: pl.DataFrame, zones: Sequence[str], answers: Answers) -> tuple[pl.DataFrame, list[str]]:

@@ -41,7 +41,8 @@ _PLACES: Final = {
 }
 """Place of each column in a language whose words are not known here."""
 _FEWEST_FIELDS: Final = 10
-_ISO: Final = r"^\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}"
+_TIME: Final = r"^\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]\d{1,2}:\d{2}"
+"""Form of a time, also as a spreadsheet writes it again."""
 _READINGS: Final = ("EGV", "EGW")
 _FAST: Final = ("fast-acting", "schnellwirkend", "schnell wirkend")
 _SLOW: Final = ("long-acting", "langwirkend", "lang wirkend", "depotinsulin")
@@ -69,7 +70,7 @@ def _place_by_form(content: FileText) -> tuple[int, str] | None:
         number, delimiter = place
         rows = [line.split(delimiter) for line in content.head[number + 1 :] if line.strip()]
         times = pl.Series([row[1].strip(' "') for row in rows if len(row) > 1 and row[0].strip(' "').isdecimal()])
-        if len(times) and times.cast(pl.String).str.contains(_ISO).any():
+        if len(times) and times.cast(pl.String).str.contains(_TIME).any():
             return place
     return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import functools
 import io
 import json
@@ -45,6 +46,8 @@ _MARKS: Final = (
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=.?"?[ \t]*\n')
 """First line by which a spreadsheet is told what divides the fields."""
 _NUMBER: Final = re.compile(r"-?[0-9]+(?:[.,][0-9]*)?")
+_IN_FULL: Final = 6
+"""Number of decimals from which numbers are taken as written in full."""
 _CUT_OFF: Final = "a last row that is cut off"
 _COMPARED: Final = 50
 """Number of last lines that are compared with each other."""
@@ -54,6 +57,8 @@ _FIELD_END: Final = "\0"
 """Sign that no text has, between fields."""
 _BEGINNING: Final = 40
 """Number of bytes of which every other one is zero where English is in UTF-16 without a mark."""
+_DOCUMENTS: Final = {b"%PDF-": "a PDF", rb"{\rtf": "a document in RTF"}
+"""Kind of a document, by the bytes with which it begins."""
 _HEAD: Final = 20_000
 """Number of letters in which the beginning of a file is looked at."""
 
@@ -117,7 +122,7 @@ class FileText:
             ((number, delimiter), [" ".join(text.strip('\ufeff "').split()).casefold() for text in cells])
             for number, line in enumerate(self.head)
             for delimiter in DELIMITERS
-            if len(cells := line.split(delimiter)) > 1
+            if len(cells := fields_of(line, delimiter)) > 1
         ]
 
     def table(self, place: tuple[int, str]) -> CellTable:
@@ -132,18 +137,18 @@ class FileText:
         """Items of a list in JSON; Refusal if the text is none."""
         if self.items is None:
             raise Refusal("it is no whole list in JSON; export it again")
-        _bounded(len(self.items), MAX_ROWS, "entries")
+        bounded(len(self.items), MAX_ROWS, "entries")
         return self.items
 
 
 def _lines_of(text: str) -> list[Any] | None:
     """Items of a text with one in JSON on each line; None if the first line is none, null for another that is none."""
     lines = [line for line in text.split("\n") if line.strip()]
-    _bounded(len(lines), MAX_ROWS, "entries")
+    bounded(len(lines), MAX_ROWS, "entries")
     first = json_of(lines[0])
     if not isinstance(first, dict):
         return None
-    _bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
+    bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
     return [first, *map(json_of, lines[1:])]
 
 
@@ -165,7 +170,8 @@ def _plain(value: Any) -> Any:
     return {name: _plain(inner) for name, inner in value.items()}
 
 
-def _bounded(count: int, most: int, what: str, remedy: str = "divide it") -> None:
+def bounded(count: int, most: int, what: str, remedy: str = "divide it") -> None:
+    """Refuse a file that has more of something than can be read."""
     if count > most:
         raise Refusal(f"it has {count} {what}, and at most {most} can be read; {remedy}")
 
@@ -174,7 +180,7 @@ def xml_of(text: str) -> ElementTree.Element:
     """Root of a text in XML; Refusal for one that is damaged, has too many elements, or defines kinds of its own."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise Refusal("it defines its own kinds of XML, which no file of a device does; give the file as it came")
-    _bounded(text.count("<"), _MAX_GROUPS, "elements of XML")
+    bounded(text.count("<"), _MAX_GROUPS, "elements of XML")
     try:
         return ElementTree.fromstring(text.encode(), ElementTree.XMLParser(encoding="utf-8"))
     except ElementTree.ParseError as error:
@@ -187,8 +193,8 @@ def json_of(text: str) -> Any:
 
     Refusal for more values than memory is meant for: an empty object of three letters takes over 60 bytes.
     """
-    _bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
-    _bounded(text.count(","), _MAX_VALUES, "values")
+    bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
+    bounded(text.count(","), _MAX_VALUES, "values")
     if _SURROGATE.search(text):
         text = _ESCAPE.sub(lambda escape: r"\ufffd" if escape[1] else escape[0], text)
     try:
@@ -199,6 +205,9 @@ def json_of(text: str) -> Any:
 
 def content_of(data: bytes) -> FileText:
     """Text of a file in UTF-8, UTF-16 or Windows-1252; Refusal for what is no text."""
+    document = next((name for begin, name in _DOCUMENTS.items() if data[:_BEGINNING].lstrip().startswith(begin)), None)
+    if document is not None:
+        raise Refusal(f"it is {document}, made for reading; export the data themselves, as CSV or JSON")
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         try:
             return _without_nul(data.decode("utf-16"), ())
@@ -274,9 +283,9 @@ def table_of(text: str, delimiter: str) -> CellTable:
     """Table of a text whose first line names the columns; Refusal if it is none."""
     header, _, body = text.partition("\n")
     columns, count = header.count(delimiter) + 1, body.count("\n") + 1
-    _bounded(columns, _MAX_COLUMNS, "columns", "leave some out, or divide it")
-    _bounded(count, MAX_ROWS, "lines", "leave some out, or divide it")
-    _bounded(columns * count, _MAX_CELLS, "cells", "leave some out, or divide it")
+    bounded(columns, _MAX_COLUMNS, "columns", "leave some out, or divide it")
+    bounded(count, MAX_ROWS, "lines", "leave some out, or divide it")
+    bounded(columns * count, _MAX_CELLS, "cells", "leave some out, or divide it")
     body = (_BLANK_LINES.sub("\n", body) if _BLANK_LINES.search(body) else body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()
@@ -336,14 +345,20 @@ def _cut_off(body: str, delimiter: str) -> str | None:
 
 
 def _fewer_decimals(number: str, others: Sequence[str]) -> bool:
-    """Whether a number ends with a decimal point, or has fewer decimals than each of the others has."""
+    """Whether a number ends with a decimal point, or has fewer decimals than each of the others has.
+
+    Numbers that a program writes in full have many decimals, not all as many: two fewer than usual are a cut then,
+    unless one in ten of the others has as few.
+    """
     if not number[-1].isdecimal():
         return True
     others = [other for other in others if other]
     if len(others) < 2 or not all(map(_NUMBER.fullmatch, others)):
         return False
     own, *decimals = (len(re.split("[.,]", text)[1]) if re.search("[.,]", text) else 0 for text in (number, *others))
-    return own < min(decimals)
+    usual = sorted(decimals)[len(decimals) // 2]
+    as_few = sum(one <= own for one in decimals)
+    return own < min(decimals) or (usual >= _IN_FULL and own <= usual - 2 and as_few <= len(decimals) / 10)
 
 
 def _whole_lines(counts: pl.Series, delimiters: int) -> int:
@@ -352,10 +367,18 @@ def _whole_lines(counts: pl.Series, delimiters: int) -> int:
     return int((counts >= max(usual, 1)).sum())
 
 
+def fields_of(line: str, delimiter: str) -> list[str]:
+    """Fields of a line; a delimiter within quotes divides none, unless the quotes do not close."""
+    if '"' in line and not line.count('"') % 2:
+        with contextlib.suppress(csv.Error):  # a field that is too long
+            return next(csv.reader([line], delimiter=delimiter))
+    return line.split(delimiter)
+
+
 def _names(line: str, delimiter: str) -> list[str]:
     """Names of columns, each its own."""
     names: list[str] = []
-    for text in line.split(delimiter):
+    for text in fields_of(line, delimiter):
         name = " ".join(text.strip("\ufeff ").strip().strip('"').strip("\ufeff").split())
         names.append(name if name and name not in names else f"{name} ({len(names) + 1})")
     return names

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC
 from typing import Any, ClassVar, Final, NamedTuple
@@ -39,7 +40,9 @@ from glucoloop.records.nightscout_profile import SWITCH, fixed_zone, profiles_of
 from glucoloop.records.nightscout_table import is_table, items_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
-from glucoloop.records.times import TIME, from_utc, times_of
+from glucoloop.records.times import TIME, far_from_others, from_utc, times_of
+from glucoloop.refusal import Refusal
+from glucoloop.text import how_many
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H
 
 _LOW_CODE, _HIGH_CODE = 39, 401
@@ -57,6 +60,8 @@ _PRIMING: Final = "insulin that fills a tube or a cannula, which nobody gets"
 _SWITCHES: Final = "changes of the profile, which tell the usual basal rate"
 _MS_PER_MIN: Final = 60_000.0
 _MAX_OFFSET_MIN: Final = 840
+_SECONDS: Final = (10**8, 10**11)
+"""Numbers that are seconds since 1970, of 1973 to 5138; as milliseconds they would be of the first years alone."""
 
 
 class Nightscout(ReaderComponent, name="nightscout"):
@@ -84,7 +89,7 @@ class Nightscout(ReaderComponent, name="nightscout"):
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of entries or treatments."""
-        items = _items(content, answers)
+        items = _items(content)
         sources = cells(_source(item) for item in items)
         times, notes = _times(items, sources, answers)
         doses = [_doses(item) for item in items]
@@ -133,9 +138,10 @@ class Nightscout(ReaderComponent, name="nightscout"):
         for mark, number in (("low", _LOW_CODE), ("high", _HIGH_CODE)):
             count = result.filter(pl.col("out_of_range") == mark).height
             if count:
-                notes.append(f"{count} readings of {number} stand for {mark}.")
+                text = how_many(count, f"reading of {number} stands", f"readings of {number} stand")
+                notes.append(f"{text} for {mark}.")
         spread = sum(dose.extended is not None for dose in doses)
-        notes += notes_on_spread(spread)
+        notes += [*notes_on_spread(spread), *_notes_on_meals(items), *_notes_on_words(items, doses)]
         instants = times["time"].to_list()
         usual = _usual_events(items, instants, times, answers, notes)
         rates = basal_rates([*usual, *_basal_events(items, instants)])
@@ -153,11 +159,40 @@ class Nightscout(ReaderComponent, name="nightscout"):
         return Extract(frame=with_basal(result, rates), glucose_unit=unit or "mg/dl", notes=tuple(notes))
 
 
-def _items(content: FileText, answers: Answers) -> list[dict[str, Any]]:
+def _items(content: FileText) -> list[dict[str, Any]]:
     """Entries or treatments of a file; an empty one for each that is none."""
     if content.items is None and is_table(content):
-        return items_of(content, answers.time_zone or next(iter(zones_of(answers.basal_profiles)), None))
+        return items_of(content)
     return [item if isinstance(item, dict) else {} for item in content.objects()]
+
+
+def _notes_on_meals(items: list[dict[str, Any]]) -> list[str]:
+    """Sentences on carbohydrate that is not eaten at once, or was not eaten as such."""
+    meals = [item for item in items if (number_in(item.get("carbs")) or 0.0) > 0.0 and not _is_deleted(item)]
+    spread = sum((_minutes(item) or 0.0) > 0.0 and item.get("eventType") != _COMBO for item in meals)
+    equivalent = sum(item.get("isFPU") is True for item in meals)
+    notes = []
+    if spread:
+        entries = how_many(spread, "entry", "entries")
+        notes.append(f"{entries} of carbohydrate over a time: the whole stands at the beginning.")
+    if equivalent:
+        entries = how_many(equivalent, "entry", "entries")
+        notes.append(f"{entries} of carbohydrate that an app counts for fat and protein: used as carbohydrate.")
+    return notes
+
+
+def _notes_on_words(items: list[dict[str, Any]], doses: Sequence[_Doses]) -> list[str]:
+    """Sentence on boluses of which a note names a long-acting insulin, for which some programs have no other place."""
+    named = sum(
+        (number_in(dose.bolus) or 0.0) > 0.0 and is_long_acting(str(item.get("notes") or ""))
+        for item, dose in zip(items, doses, strict=True)
+    )
+    if not named:
+        return []
+    return [
+        f"{how_many(named, 'bolus has', 'boluses have')} the name of a long-acting insulin in the note, and "
+        f"count{'s' * (named == 1)} as rapid-acting all the same: nothing but the note tells it."
+    ]
 
 
 class _Doses(NamedTuple):
@@ -264,8 +299,11 @@ def _injections(text: Any) -> list[tuple[float, bool]] | None:
 
 
 def _times(items: list[dict[str, Any]], sources: pl.Series, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
-    """Instant in UTC of each item, from its number of milliseconds or its text, and the offset that it tells."""
-    numbers = [_whole(item.get("date", item.get("mills"))) for item in items]
+    """Instant in UTC of each item, from its number of milliseconds or its text, and the offset that it tells.
+
+    Refusal for texts without an offset from UTC, where no zone is known.
+    """
+    numbers = [_milliseconds(item.get("date", item.get("mills"))) for item in items]
     instants = pl.Series(numbers, dtype=pl.Int64).cast(pl.Datetime("ms")).cast(TIME)
     texts = cells(
         item.get("created_at") or item.get("dateString") or item.get("sysTime") or item.get("timestamp")
@@ -273,12 +311,27 @@ def _times(items: list[dict[str, Any]], sources: pl.Series, answers: Answers) ->
     )
     read, notes = times_of(texts, answers)
     offsets = pl.Series([_whole(item.get("utcOffset")) for item in items], dtype=pl.Int64)
-    table = pl.DataFrame({"number": instants, "text": read["time"], "own": offsets, "written": read["utc_offset_min"]})
-    table = table.with_columns(sources.alias("source")).select(
+    table = read.with_columns(number=instants, own=offsets, source=sources)
+    on_the_wall = ~pl.col("in_utc") & pl.col("time").is_not_null() & pl.col("number").is_null()
+    if table.select(on_the_wall.any()).item():
+        zone = answers.time_zone or next(iter(zones_of(answers.basal_profiles)), None)
+        if zone is None:
+            raise Refusal(
+                "its times tell no offset from UTC",
+                "say the time zone of their clock with time_zone (--time-zone), which is UTC where the program left it "
+                "so",
+            )
+        there = pl.col("time").dt.replace_time_zone(zone, ambiguous="earliest", non_existent="null")
+        table = table.with_columns(
+            time=pl.when(on_the_wall)
+            .then(there.dt.convert_time_zone("UTC").dt.replace_time_zone(None))
+            .otherwise("time")
+        )
+    table = table.select(
         "source",
-        instant=pl.coalesce("number", "text"),
+        instant=pl.coalesce("number", "time"),
         offset=pl.coalesce(
-            pl.col("written").cast(pl.Int64), pl.when(pl.col("own").abs() <= _MAX_OFFSET_MIN).then("own")
+            pl.col("utc_offset_min").cast(pl.Int64), pl.when(pl.col("own").abs() <= _MAX_OFFSET_MIN).then("own")
         ),
     )
     return from_utc(table["instant"], _offsets_meant(table)), notes
@@ -306,6 +359,12 @@ def _whole(value: object) -> int | None:
     return int(number) if number is not None and abs(number) < 1e14 else None
 
 
+def _milliseconds(value: object) -> int | None:
+    """Milliseconds since 1970 of a number of JSON; some programs write seconds."""
+    number = _whole(value)
+    return number * 1000 if number is not None and _SECONDS[0] <= number < _SECONDS[1] else number
+
+
 def _usual_events(
     items: list[dict[str, Any]], instants: list[Any], times: pl.DataFrame, answers: Answers, notes: list[str]
 ) -> list[BasalEvent]:
@@ -313,12 +372,17 @@ def _usual_events(
     about_doses = (
         item.get("eventType") and not _is_deleted(item) and (item.get("eventType") != "Note") for item in items
     )
-    rows = sorted((at, row) for row, (at, use) in enumerate(zip(instants, about_doses, strict=True)) if at and use)
+    far = far_from_others(times["time"])  # else the rates of decades would stand between them and the others
+    rows = sorted(
+        (at, row)
+        for row, (at, use, alone) in enumerate(zip(instants, about_doses, far, strict=True))
+        if at and use and not alone
+    )
     if not answers.basal_profiles or not rows:
         return []
     zone = answers.time_zone or next(iter(zones_of(answers.basal_profiles)), None) or fixed_zone(times)
     if zone is None:
-        notes.append("The profile names no time zone; its rates are taken by the clock in UTC.")
+        notes.append("The profile names no time zone that is known; its rates are taken by the clock in UTC.")
     switches = [(at.replace(tzinfo=UTC), items[row]) for at, row in rows if items[row].get("eventType") == SWITCH]
     first, last = (at.replace(tzinfo=UTC) for at in (rows[0][0], rows[-1][0]))
     events: list[BasalEvent] = []

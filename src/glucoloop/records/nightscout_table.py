@@ -8,9 +8,7 @@ them (time, milliseconds since 1970, glucose, direction, device), or as a time a
 from __future__ import annotations
 
 import re
-from datetime import datetime
 from typing import Any, Final
-from zoneinfo import ZoneInfo
 
 from glucoloop.records.file_text import FileText
 from glucoloop.refusal import Refusal
@@ -41,11 +39,8 @@ def is_table(content: FileText) -> bool:
     return _header(content) is not None or _line_of(content) is not None
 
 
-def items_of(content: FileText, time_zone: str | None) -> list[dict[str, Any]]:
-    """Items of a table or of lines; an empty one for a line that is none.
-
-    Refusal for treatments whose times tell no offset from UTC, where no zone is known.
-    """
+def items_of(content: FileText) -> list[dict[str, Any]]:
+    """Items of a table or of lines; an empty one for a line that is none."""
     line = _line_of(content)
     if line is not None:
         entries = (line.match(text.strip()) for text in content.text.split("\n") if text.strip())
@@ -61,9 +56,6 @@ def items_of(content: FileText, time_zone: str | None) -> list[dict[str, Any]]:
     for row, reason in zip(rows, table.spoilt, strict=True):
         if reason is not None:
             row.clear()
-        for key in ("created_at", "dateString"):
-            if isinstance(row.get(key), str) and not {"date", "mills"} & row.keys():
-                row[key] = _with_offset(row[key], time_zone)
     return rows
 
 
@@ -100,19 +92,3 @@ def _value(name: str, text: str | None) -> Any:
     if text.casefold() in ("true", "false"):
         return text.casefold() == "true"
     return float(text) if re.fullmatch(r"[-+]?\d{1,16}(\.\d+)?", text) else text
-
-
-def _with_offset(text: str, time_zone: str | None) -> str:
-    """A time with the offset of a zone where it tells none of its own."""
-    try:
-        time = datetime.fromisoformat(text)
-    except ValueError:
-        return text
-    if time.tzinfo is not None:
-        return text
-    if time_zone is None:
-        raise Refusal(
-            "its times tell no offset from UTC",
-            "say the time zone of their clock with time_zone (--time-zone), which is UTC where the program left it so",
-        )
-    return time.replace(tzinfo=ZoneInfo(time_zone)).isoformat()

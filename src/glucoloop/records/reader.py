@@ -81,6 +81,7 @@ READERS: Final = Catalogue(
         "tidepool": "glucoloop.records.tidepool:Tidepool",
         "xdrip": "glucoloop.records.xdrip:XDrip",
         "juggluco": "glucoloop.records.juggluco:Juggluco",
+        "apple-health": "glucoloop.records.apple_health:AppleHealth",
         "jaeb": "glucoloop.records.jaeb:Jaeb",
         "ohio-t1dm": "glucoloop.records.ohio_t1dm:OhioT1DM",
         "azt1d": "glucoloop.records.azt1d:AZT1D",

@@ -187,8 +187,8 @@ def read_record(
         `DeviceRecord` wrote.
     reader : str, optional
         Name of the reader, where it cannot be seen; ``glucoloop list readers`` has all.
-    dates : {"day-first", "month-first"}, optional
-        Order of day and month, where all dates of a file could be either.
+    dates : {"day-first", "month-first", "year-first"}, optional
+        Order of day and month, where all dates of a file could be either, or of a year of two digits.
     glucose_unit : {"mg/dl", "mmol/l"}, optional
         Unit of glucose, where the file does not say it.
     time_zone : str, optional

@@ -22,6 +22,7 @@ Floats = npt.NDArray[np.float64]
 
 SAME_GLUCOSE: Final = "readings of the same sensor by another uploader"
 OTHER_GLUCOSE: Final = "readings of a second sensor while the first one reads"
+TWICE: Final = "readings that stand there twice, at slightly different times"
 OTHER_DEVICE: Final = "readings of other devices than the one that is chosen"
 
 _SHIFTS_MIN: Final = np.arange(-15.0, 16.0)
@@ -33,6 +34,9 @@ _FEWEST: Final = 12
 _LONGEST_STEP_MIN: Final = 30.0
 _BESIDE: Final = 0.9
 """Part of a step from another stream's reading within which one at the edge of a gap is beside it."""
+_COPIED: Final = 0.9
+_ROUNDED_MG_DL: Final = 1.0
+"""Share of readings that are the same, but for rounding, in two uploads of them."""
 _MAX_WAYS: Final = 3
 """Largest number of streams that are told apart under one name."""
 _ALMOST_ALL: Final = 0.98
@@ -86,8 +90,17 @@ def one_sensor(frame: pl.DataFrame, device: str | None, account: Account) -> pl.
         return frame
     groups = [group.sort("t") for group in parts_of(read, "source")]
     for group in groups:
-        if not group["named"].all():
-            _note_two_trajectories(group, account)
+        if group["named"].all():
+            continue
+        twice = _second_trajectory(group, account)
+        if twice.size:
+            gone = np.zeros(frame.height, dtype=bool)
+            gone[twice] = True
+            source = group["source"][0]
+            frame = frame.with_columns(_twice=pl.Series(gone))
+            frame = _each_dose_of_two_uploads_once(frame, source, account)
+            frame = account.without_value(frame, frame["_twice"], "glucose_mg_dl", TWICE).drop("_twice")
+            return one_sensor(frame, device, account)
     streams = _labelled([part for group in groups for part in (_parted(group) if group["named"].all() else [group])])
     if len(streams) > 1:
         labels = np.full(frame.height, None, dtype=object)
@@ -268,14 +281,16 @@ def _hours(stream: _Stream, doubled: npt.NDArray[np.bool_]) -> str:
     return how_many(round(int(np.count_nonzero(doubled)) * stream.step_min / MIN_PER_H), "hour")
 
 
-def _note_two_trajectories(rows: pl.DataFrame, account: Account) -> None:
-    """Note where readings that name no source follow two trajectories at once, as those of two sensors do.
+def _second_trajectory(rows: pl.DataFrame, account: Account) -> npt.NDArray[np.int64]:
+    """Places of readings that name no source and stand there twice, at slightly different times.
 
-    All of them stay: nothing says that a table holds more than it was made to hold.
+    Two trajectories that disagree, as those of two sensors, are noted, and all of them stay: nothing says that a table
+    holds more than it was made to hold.
     """
     parts = _parted(rows)
+    nothing = np.zeros(0, dtype=np.int64)
     if len(parts) == 1:
-        return
+        return nothing
     first, *others = sorted(_labelled(parts), key=lambda stream: stream.t_min.size, reverse=True)
     for stream in others:
         doubled = _doubled(stream, first)
@@ -288,7 +303,35 @@ def _note_two_trajectories(rows: pl.DataFrame, account: Account) -> None:
                 f"{compared.apart_mg_dl:.0f} mg/dl apart in the median, as those of two sensors do. All are kept, for "
                 "nothing names their sensors; divide the table by its sensors to choose one."
             )
-            return
+            return nothing
+        copied = _copied(stream, first, doubled)
+        if np.count_nonzero(copied) < max(_FEWEST, _COPIED * np.count_nonzero(doubled)):
+            continue
+        account.notes.append(
+            f"Readings stand there twice for {_hours(stream, copied)}, at slightly different times, as after two "
+            "uploads; they count once."
+        )
+        return stream.places[copied]
+    return nothing
+
+
+def _copied(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Mask of the doubled readings of a stream that are those of another one at nearly the same time."""
+    after = np.searchsorted(first.t_min, stream.t_min).clip(1, first.t_min.size - 1)
+    earlier = stream.t_min - first.t_min[after - 1] <= first.t_min[after] - stream.t_min
+    nearest = first.glucose[np.where(earlier, after - 1, after)]
+    return np.asarray(doubled & (np.abs(nearest - stream.glucose) <= _ROUNDED_MG_DL))
+
+
+def _each_dose_of_two_uploads_once(frame: pl.DataFrame, source: str, account: Account) -> pl.DataFrame:
+    """Rows in which an amount within two minutes counts once while readings are there twice."""
+    read = frame.filter("_twice")["at"]
+    for name, words in _AMOUNTS.items():
+        inside = frame["at"].is_between(read.min(), read.max())
+        if frame.filter(inside & frame[name].is_not_null()).height > 1:
+            reason = words.replace("that another app has", "that stand there twice")
+            frame = account.without_value(frame, _repeated(frame, name, once=source) & inside, name, reason)
+    return frame
 
 
 def _compared(stream: _Stream, first: _Stream, doubled: npt.NDArray[np.bool_], account: Account) -> str:
@@ -344,8 +387,8 @@ def each_dose_once(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
     return frame
 
 
-def _repeated(frame: pl.DataFrame, name: str) -> pl.Series:
-    """Whether the amount of each row is that of an earlier row from another source."""
+def _repeated(frame: pl.DataFrame, name: str, once: str | None = None) -> pl.Series:
+    """Whether the amount of each row is that of an earlier row from another source, or from one that counts once."""
     own = frame.with_row_index("_place").filter(pl.col(name).is_not_null()).sort(name, "at", maintain_order=True)
     own = own.with_columns(source=source_of())
     amounts, sources = own[name].to_list(), own["source"].to_list()
@@ -358,7 +401,7 @@ def _repeated(frame: pl.DataFrame, name: str) -> pl.Series:
             for first, known in counted[-4:]
             if amounts[first] == amounts[row]
             and seconds[row] - seconds[first] <= TOGETHER_S
-            and sources[row] not in known
+            and (sources[row] == once or (once is None and sources[row] not in known))
         ]
         if same:
             same[-1].add(sources[row])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import polars as pl
@@ -12,9 +13,9 @@ from glucoloop.records.clock import on_one_clock
 from glucoloop.records.extract import VALUES, Account, Extract
 from glucoloop.records.record import HIGHEST_MG_DL, LARGEST_AMOUNTS, LOWEST_MG_DL, SCHEMA, DeviceRecord
 from glucoloop.records.streams import each_dose_once, one_sensor, source_of, with_instants
-from glucoloop.records.times import clock
+from glucoloop.records.times import FAR_DAYS, clock, far_from_others
 from glucoloop.refusal import Refusal
-from glucoloop.text import how_many, printable
+from glucoloop.text import how_many, printable, the_first
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_DAY, MIN_PER_H, S_PER_MIN
 
 NO_VALUE: Final = "rows without glucose, carbohydrate, insulin or glucagon"
@@ -22,11 +23,14 @@ UNREADABLE: Final = "rows with values that are no number or not possible"
 NO_TIME: Final = "rows without a readable time"
 REPEATED: Final = "rows that repeat another one"
 SAME_TIME: Final = "readings at the time of another reading of the same device"
+FAR: Final = "rows that lie a quarter of a year from all others, as by a wrong clock or year"
 
 _MIN_GAP_MIN: Final = 15.0
 _LARGEST_DAILY: Final = {"bolus_U": 600.0, "long_acting_U": 600.0, "carbs_g": 3000.0, "glucagon_ug": 10000.0}
 """Amounts of a day beyond those of any person [U, g, ug]."""
 _SMALLER: Final = {"carbs": "0.1g", "glucagon": "ng"}
+_LARGEST_BASAL_U_DAY: Final = 300.0
+"""Basal insulin of a day beyond that of any person, by the reservoir of a pump."""
 _DAILY_WORDS: Final = {
     "bolus_U": ("bolus", "U of boluses"),
     "long_acting_U": ("long_acting", "U of long-acting insulin"),
@@ -52,11 +56,13 @@ def record_of(frames: Sequence[pl.DataFrame], zones: Sequence[str], answers: Ans
         )
     frame, notes = on_one_clock(frame, zones, answers)
     account.notes += notes
+    frame = _without_far_times(frame, account)
     if frame["time"].n_unique() < frame.height:
         frame = _without_repeats(frame, account)
     frame = each_dose_once(with_instants(frame), account)
     frame = one_sensor(frame, answers.device, account)
     _refuse_impossible_days(frame)
+    _refuse_impossible_rates(frame)
     frame = frame.sort("time", "second_pass", maintain_order=True)
     account.notes += [f"Left out: {reason} ({count})." for reason, count in account.left_out.items()]
     account.notes += _on_gaps(frame)
@@ -100,6 +106,16 @@ def settled(extract: Extract, frame: pl.DataFrame, answers: Answers, account: Ac
     )
 
 
+def _without_far_times(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
+    """Rows without a few that lie a quarter of a year from all others, as of a wrong clock or a mistyped year."""
+    far = far_from_others(frame["time"])
+    if not far.any():
+        return frame
+    moments = the_first([clock(time) for time in frame["time"].filter(far).unique().sort()], 3)
+    account.notes.append(f"Times over {FAR_DAYS} days from all others are of no use: {moments}.")
+    return account.without(frame, pl.lit(far), FAR)
+
+
 def _without_repeats(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
     """Rows without those that repeat another one, and without a second reading of a device at the same time."""
     about = ("bolus_min", "bolus_type", "out_of_range", "device", "kind")
@@ -124,6 +140,23 @@ def _refuse_impossible_days(frame: pl.DataFrame) -> None:
                 f"it has {usual:.0f} {words} on half of its days, which nobody can mean",
                 f"say the unit, as file_units='{key}={_SMALLER.get(key, 'mU')}' (--file-units)",
             )
+
+
+def _refuse_impossible_rates(frame: pl.DataFrame) -> None:
+    """Refuse basal rates that are in the mean beyond what a pump can give to a person."""
+    rates = frame.filter(pl.col("basal_U_h").is_not_null()).sort("at", maintain_order=True)
+    hours = pl.col("at").diff().shift(-1).dt.total_seconds() / (S_PER_MIN * MIN_PER_H)
+    known = rates.select(hours=hours, rate="basal_U_h").drop_nulls().filter(pl.col("rate").is_finite())
+    span_h = float(known["hours"].sum())
+    if span_h < MIN_PER_DAY / MIN_PER_H:
+        return
+    of_day = float((known["hours"] * known["rate"]).sum()) / span_h * MIN_PER_DAY / MIN_PER_H
+    if of_day > _LARGEST_BASAL_U_DAY:
+        raise Refusal(
+            f"its basal rates make {of_day:.0f} U a day in the mean, and a person gets at most "
+            f"{_LARGEST_BASAL_U_DAY:g} U",
+            "say the unit, as file_units='basal=mU/h' or file_units='basal=U/day' (--file-units)",
+        )
 
 
 def _on_gaps(frame: pl.DataFrame) -> list[str]:
@@ -201,6 +234,11 @@ def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accou
     marked = pl.col("out_of_range").is_not_null() & pl.col("glucose").is_null()
     told = {**_UNIT_OF, **extract.units, **answers.file_units}
     told["glucose"] = answers.glucose_unit or extract.glucose_unit or ""
+    of_cells = _unit_of_cells(frame["glucose"])
+    if of_cells is not None:
+        extract = replace(extract, glucose_unit=of_cells)
+        told["glucose"] = of_cells
+    frame = _with_units_of_cells(frame, told["glucose"], account)
     numbers = [_numbers(frame[name], _IN_CELLS.get(told[name])).alias(f"_{name}") for name in VALUES]
     frame = frame.with_columns(*numbers, _marked=marked)
     glucose_factor = _glucose_factor(frame["_glucose"], extract, answers)
@@ -234,6 +272,35 @@ def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accou
     zero = pl.any_horizontal(pl.col(f"_{name}") == 0 for name in _GIVEN).fill_null(False)
     _tell(frame, glucose_factor, (lowest, highest), largest, account)
     return frame.with_columns(_zero=zero)
+
+
+def _units_in(glucose: pl.Series) -> pl.Series:
+    """Unit behind the number of each cell; null where there is none."""
+    return glucose.str.to_lowercase().str.extract(rf"\d\s*({'|'.join(UNITS)})\s*$")
+
+
+def _unit_of_cells(glucose: pl.Series) -> str | None:
+    """Unit that all cells of glucose have behind their number; None if they have none, or both."""
+    if glucose.dtype != pl.String or glucose.null_count() == len(glucose):
+        return None
+    kinds = _units_in(glucose.drop_nulls()).unique().to_list()
+    return kinds[0] if len(kinds) == 1 else None
+
+
+def _with_units_of_cells(frame: pl.DataFrame, unit: str, account: Account) -> pl.DataFrame:
+    """Rows in which glucose whose cell has the other unit is in that of the file."""
+    if frame["glucose"].dtype != pl.String or not unit:
+        return frame
+    other = UNITS[1 - UNITS.index(unit)]
+    foreign = (_units_in(frame["glucose"]) == other).fill_null(False)
+    if not foreign.any():
+        return frame
+    factor = MG_DL_PER_MMOL_L if unit == UNITS[0] else 1.0 / MG_DL_PER_MMOL_L
+    number = _numbers(frame["glucose"], other) * factor
+    account.notes.append(f"{how_many(int(foreign.sum()), 'cell')} of glucose in {other}, as the cell says.")
+    return frame.with_columns(
+        glucose=pl.when(pl.lit(foreign)).then(pl.lit(number).cast(pl.String)).otherwise("glucose")
+    )
 
 
 def _with_words(frame: pl.DataFrame) -> pl.DataFrame:
@@ -377,5 +444,5 @@ def _tell(
             )
         account.notes.append(
             f"{how_many(count, 'value')} of {_WORDS[name]} outside of {bounds} (from {ends} in the unit of the file) "
-            f"were not used{unknown}{_IN_MU if name == 'basal' else ''}."
+            f"{'was' if count == 1 else 'were'} not used{unknown}{_IN_MU if name == 'basal' else ''}."
         )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from datetime import datetime
 from typing import Final
 
 import polars as pl
 
-from glucoloop.records.answers import DAY_FIRST, MONTH_FIRST, Answers
+from glucoloop.records.answers import DAY_FIRST, MONTH_FIRST, YEAR_FIRST, Answers
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many
 
@@ -36,6 +37,9 @@ _OTHERWISE: Final = (
 """Ways to write a time, each with one that the pattern has; they are tried where the pattern does not fit."""
 _HALF_DAY: Final = 12
 """Hours of a clock that needs AM and PM."""
+FAR_DAYS: Final = 90
+_MOST_FAR, _FEW_FAR = 0.01, 12
+"""Distance from all others, share of all, and number if of several days, of times of a wrong clock or year."""
 YEARS: Final = (1000, 9998)
 """First and last year of a time: a study shifts its dates by as much as it likes."""
 
@@ -59,7 +63,9 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
     if 2 * dated.filter("year_first").height > dated.height:
         # Among years of four digits one of fewer is damage, not a day.
         parts = parts.with_columns(a=pl.when("year_first").then("a"), year_first=pl.lit(True))
+    parts, years = _with_short_years(parts, texts, answers.dates or usual)
     order, notes = _order(parts, texts, answers.dates, usual)
+    notes = [*years, *notes]
     if midnights:
         notes.append(
             f"{how_many(midnights, 'time')} without a clock among others with one: read as midnight, as programs that "
@@ -165,9 +171,51 @@ def _fields(texts: pl.Series) -> pl.DataFrame:
     return texts.clone().scatter(other.arg_true(), again).str.extract_groups(_PATTERN).struct.unnest()
 
 
+def _with_short_years(parts: pl.DataFrame, texts: pl.Series, given: str | None) -> tuple[pl.DataFrame, list[str]]:
+    """Numbers of dates in which a year of two digits that stands first is a whole one, and a note.
+
+    It stands where all dates lie closest together, as rows of a record do. Refusal where nothing tells it.
+    """
+    short = ~pl.col("year_first") & ~pl.col("named") & (pl.col("c") < 100)
+    dates = parts.filter(short).select("a", "b", "c").unique()
+    if not dates.height or 2 * parts.filter(short).height <= parts.filter(pl.col("a").is_not_null()).height:
+        return parts, []
+    spans = {
+        YEAR_FIRST: _span_days(dates, "a", "b", "c"),
+        DAY_FIRST: _span_days(dates, "c", "b", "a"),
+        MONTH_FIRST: _span_days(dates, "c", "a", "b"),
+    }
+    others = [span for order, span in spans.items() if order != YEAR_FIRST and span is not None]
+    first = spans[YEAR_FIRST]
+    if given is None and first is not None and min(others, default=math.inf) == first:
+        if texts.drop_nulls().head(1).str.contains(r"^\s*\d{1,2}-").any():
+            raise Refusal(
+                "its dates have a year of two digits, which could be the first or the last number",
+                "say which with dates=year-first, dates=day-first or dates=month-first (--dates)",
+            )
+        return parts, []
+    chosen = given == YEAR_FIRST or (given is None and first is not None and first < min(others, default=math.inf))
+    if not chosen:
+        return parts, []
+    whole = pl.when(short).then(pl.col("a") + 2000).otherwise("a")
+    parts = parts.with_columns(a=whole, year_first=pl.col("year_first") | short)
+    return parts, ["Dates begin with a year of two digits."]
+
+
+def _span_days(dates: pl.DataFrame, year: str, month: str, day: str) -> int | None:
+    """Days from the first date to the last one in an order; None where a date is none in it."""
+    sound = pl.col(month).is_between(1, 12) & pl.col(day).is_between(1, 31)
+    if not dates.select(sound.all()).item():
+        return None
+    days = pl.datetime(pl.col(year) + 2000, month, 1) + pl.duration(days=pl.col(day) - 1)
+    return int(dates.select((days.max() - days.min()).dt.total_days()).item())
+
+
 def _order(parts: pl.DataFrame, texts: pl.Series, given: str | None, usual: str | None) -> tuple[str, list[str]]:
     """Order of day and month where the year is last, from what is given, or from dates that fit one order only."""
     last = parts.filter(~pl.col("year_first") & ~pl.col("named"))
+    if given == YEAR_FIRST and last.height:
+        raise Refusal(f"dates is {YEAR_FIRST!r}, and its dates have the year last", "say day-first or month-first")
     if given is not None or usual is not None or not last.height:
         return given or usual or DAY_FIRST, []
     day = last.filter((pl.col("a") > 12) & (pl.col("b") <= 12)).height
@@ -207,3 +255,14 @@ def from_utc(instants: pl.Series, offsets: pl.Series | None = None) -> pl.DataFr
         in_utc=pl.lit(True),
         utc_offset_min=offset,
     )
+
+
+def far_from_others(times: pl.Series) -> pl.Series:
+    """Whether each time is one of a few, or of a single day, that lie a quarter of a year from all others."""
+    frame = times.to_frame("time").with_row_index("place").sort("time", nulls_last=True)
+    frame = frame.with_columns(part=(pl.col("time").diff().dt.total_days() >= FAR_DAYS).fill_null(False).cum_sum())
+    span = pl.col("time").max().over("part") - pl.col("time").min().over("part")
+    count = pl.len().over("part")
+    few = (count <= _MOST_FAR * frame.height) & ((span <= pl.duration(days=1)) | (count <= _FEW_FAR))
+    far = frame.with_columns(far=few & pl.col("time").is_not_null())
+    return far.sort("place")["far"].fill_null(False)

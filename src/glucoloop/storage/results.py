@@ -75,7 +75,13 @@ def parquet(table: pl.DataFrame) -> bytes:
 
 def read_parquet(place: Path, bounds: TableBounds, columns: Mapping[str, ColumnForm] | None = None) -> pl.DataFrame:
     """Read a table that this program wrote, see `read_table`; Refusal if it is not as it is declared."""
-    data = disk.read_bytes(place, bounds.most_bytes)
+    return parquet_table(place, disk.read_bytes(place, bounds.most_bytes), bounds, columns)
+
+
+def parquet_table(
+    place: Path | str, data: bytes, bounds: TableBounds, columns: Mapping[str, ColumnForm] | None = None
+) -> pl.DataFrame:
+    """The table of the contents of a file that this program wrote; Refusal if it is not as it is declared."""
     try:
         return read_table(data, bounds, columns)
     except Refusal as error:

@@ -1,10 +1,11 @@
 """Computation of the shards of a trial, in this process or on a Dask cluster.
 
 On a cluster a shard is a task, and its files come back as bytes. Workers need the same version of glucoloop, but no
-shared disk with this process, which alone writes to the folder. A task of a worker that dies is given to another one.
-The results of a person do not depend on the machine: a worker of another kind of processor is refused, unless the trial
-asks for portable arithmetic. Then its loops are rounded alike, and the shard says which processor computed it, for
-people and designs, which JAX and SciPy compute, may have other last digits.
+shared disk with this process, which alone writes to the folder; where the trial has a store of traces, a worker writes
+those of its shards there itself, and returns their size and digest. A task of a worker that dies is given to another
+one. The results of a person do not depend on the machine: a worker of another kind of processor is refused, unless the
+trial asks for portable arithmetic. Then its loops are rounded alike, and the shard says which processor computed it,
+for people and designs, which JAX and SciPy compute, may have other last digits.
 """
 
 from __future__ import annotations
@@ -29,8 +30,9 @@ from glucoloop.component.setting import About, Default, declared_setting
 from glucoloop.refusal import Refusal, needed_for
 from glucoloop.schema.values import json_value
 from glucoloop.text import how_many, one_line
-from glucoloop.trials.folder import TrialFolder
+from glucoloop.trials.folder import TrialFolder, traces_stored
 from glucoloop.trials.shard import Simulate, compute_shard
+from glucoloop.trials.trace_store import StoredTable, TraceStore
 from glucoloop.trials.trial import PORTABLE, Trial
 from glucoloop.user_file import read_regular
 
@@ -125,7 +127,7 @@ def beginning(trial: Trial) -> str:
     which = labels if len(trial.cases) <= _MAX_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
     slow = [name for name, controller in controllers.items() if controller.slow]
     begun = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
-    return f"{begun}; compiling {' and '.join(slow)} takes up to a minute." if slow else f"{begun}."
+    return f"{begun}; compiling {' and '.join(slow)} takes up to half a minute." if slow else f"{begun}."
 
 
 def run_here(folder: TrialFolder, simulate: Simulate) -> None:
@@ -150,17 +152,21 @@ class ComputedShard(NamedTuple):
     files: dict[str, bytes]
     processor: str
     """Kind of processor that computed it."""
+    stored: dict[str, StoredTable]
+    """Tables that the worker wrote to the store of traces."""
 
 
-def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> ComputedShard:
-    """A shard, computed by a worker.
+def shard_on_worker(
+    trial: Trial, index: int, version: str, identity: Mapping[str, str], store: TraceStore | None = None
+) -> ComputedShard:
+    """A shard, computed by a worker, which writes its traces to a store if there is one.
 
     `version` and `identity` are those of glucoloop and of the arithmetic in the process that owns the folder; a
     Refusal tells that the worker has others, and would compute other bits, or what went wrong. It is the only error of
     a worker: one of another class may hold what cannot be sent, or be unknown to the process that it is sent to.
     """
     try:
-        return _shard_on_worker(trial, index, version, identity)
+        return _shard_on_worker(trial, index, version, identity, store)
     except Refusal as error:
         why = str(error)
     except Exception as error:
@@ -171,7 +177,9 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
     raise Refusal(why)
 
 
-def _shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> ComputedShard:
+def _shard_on_worker(
+    trial: Trial, index: int, version: str, identity: Mapping[str, str], store: TraceStore | None
+) -> ComputedShard:
     from glucoloop.trials import engine
 
     if glucoloop.__version__ != version:
@@ -198,7 +206,8 @@ def _shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[s
         index,
         lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=1),
     )
-    return ComputedShard(files, processor)
+    kept, stored = traces_stored(store, trial, index, files)
+    return ComputedShard(kept, processor, stored)
 
 
 @contextlib.contextmanager
@@ -330,7 +339,7 @@ def run_on_cluster(
         known.update(workers)
         most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(workers.values()))
         for index in itertools.islice(waiting, max(0, most - len(running))):
-            work = shard_on_worker, trial, index, glucoloop.__version__, identity
+            work = shard_on_worker, trial, index, glucoloop.__version__, identity, folder.store
             future = client.submit(*work, pure=False, retries=_RETRIES)
             running[future] = index
             completed.add(future)
@@ -350,7 +359,7 @@ def run_on_cluster(
                 f"{folder.done} of {trial.shards} shards are done and kept, run the same command again to go on"
             )
         computed: ComputedShard = future.result()
-        folder.put(index, computed.files, computed.processor)
+        folder.put(index, computed.files, computed.processor, computed.stored)
         progress(trial.shard(index).size * len(trial.cases))
         future.release()
         fill()

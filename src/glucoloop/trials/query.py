@@ -11,7 +11,7 @@ import contextlib
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +25,15 @@ from glucoloop.text import is_printable, one_line
 from glucoloop.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.trials.shard import BANDS as COUNTS
 from glucoloop.trials.shard import PEOPLE, TRACES
+from glucoloop.trials.trace_store import (
+    MEND,
+    StoredTable,
+    file_system_path,
+    refuse_changed,
+    refusing,
+    store_address,
+    system_of,
+)
 
 if sys.platform == "linux":
     import resource
@@ -64,6 +73,8 @@ class _TrialTables:
     connection: Any
     views: dict[str, list[str]]
     """Columns of each existing table."""
+    notes: tuple[str, ...]
+    """Sentences on tables that cannot be read."""
     done: int
     shards: int
     memory_mb: int
@@ -129,9 +140,15 @@ def trial_tables(folder: Path, memory_mb: int = _MAX_MEMORY_MB) -> Iterator[_Tri
     if _SPECIAL & set(str(place)):
         raise Refusal(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
     with duckdb.connect(":memory:") as connection:
+        paths = [place / SHARDS / shard.path.name for shard in shards]
+        stored = {name: table for shard in shards for name, table in shard.stored.items()}
+        traces: list[str] = []
+        notes: tuple[str, ...] = ()
         try:
-            for name, statement in _views([place / SHARDS / shard.name for shard in shards], place, final).items():
+            for name, statement in _views(paths, place, final).items():
                 connection.execute(f"create view {name} as {statement}")
+            if stored:
+                traces, notes = _view_of_store(connection, str(origin.traces_at), stored)
             if SUMMARY in final:
                 with tempfile.TemporaryDirectory() as scratch:
                     _summary(folder).write_parquet(f"{scratch}/summary.parquet")
@@ -140,6 +157,7 @@ def trial_tables(folder: Path, memory_mb: int = _MAX_MEMORY_MB) -> Iterator[_Tri
                 "memory_limit": f"{memory_mb}MB",
                 "temp_directory": "",
                 "allowed_directories": [str(place)],
+                "allowed_paths": traces,
                 "enable_external_access": False,
                 "lock_configuration": True,
             }
@@ -154,7 +172,27 @@ def trial_tables(folder: Path, memory_mb: int = _MAX_MEMORY_MB) -> Iterator[_Tri
         columns = dict(result)
         views = {name: columns[name] for name in VIEWS if name in columns}
         with _memory_limited(memory_mb * 1_000_000):
-            yield _TrialTables(connection, views, len(shards), origin.shards, memory_mb)
+            yield _TrialTables(connection, views, notes, len(shards), origin.shards, memory_mb)
+
+
+def _view_of_store(
+    connection: Any, address: str, stored: Mapping[str, StoredTable]
+) -> tuple[list[str], tuple[str, ...]]:
+    """Make the view of traces in a store; returns what DuckDB reads for it, and a note if the store cannot be read."""
+    try:
+        path = file_system_path(store_address(address))
+        refuse_changed(address, stored, MEND)
+        if path is not None:
+            traces = [str(path / name) for name in stored]
+        else:
+            system, root = system_of(address)
+            traces = [system.unstrip_protocol(f"{root}/{name}") for name in stored]  # s3a as s3, which DuckDB knows
+            connection.register_filesystem(system)
+        with refusing(address, "read"):
+            connection.execute(f"create view traces as {_read_parquet('*', traces)}")
+    except Refusal as error:
+        return [], (f"The traces are left out: {one_line(error)}.",)
+    return traces, ()
 
 
 def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
@@ -168,10 +206,14 @@ def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
     }
     views = {}
     for name, (columns, files, grouped) in tables.items():
-        sources = ", ".join("'" + str(file).replace("'", "''") + "'" for file in files if file.exists())
-        if sources:
-            views[name] = f"select {columns} from read_parquet([{sources}]) {grouped}"
+        if existing := [str(file) for file in files if file.exists()]:
+            views[name] = f"{_read_parquet(columns, existing)} {grouped}"
     return views
+
+
+def _read_parquet(columns: str, files: list[str]) -> str:
+    sources = ", ".join("'" + file.replace("'", "''") + "'" for file in files)
+    return f"select {columns} from read_parquet([{sources}])"
 
 
 def _summary(folder: Path) -> pl.DataFrame:

@@ -47,11 +47,27 @@ def test_sums_of_days_by_hand():
 
 
 def test_a_day_with_more_than_an_hour_without_a_rate_is_not_known():
-    record = Given(basal_U_h=amounts((0.0, 1.0), (300.0, math.nan), (361.0, 1.0)), bolus_U=amounts((1.0, 1.0)))
+    rates = amounts((0.0, 1.0), (300.0, math.nan), (361.0, 1.0))
+    record = Given(basal_U_h=rates, bolus_U=amounts((1.0, 1.0), (DAY + 1.0, 1.0)))
     assert math.isnan(day_sums(record, [0])[0]["insulin_U"])
     assert day_sums(record, [1])[1]["basal_U"] == pytest.approx(24.0)
     begun_late = Given(basal_U_h=amounts((61.0, 1.0)))
     assert math.isnan(day_sums(begun_late, [0])[0]["basal_U"])
+
+
+def test_the_last_rate_holds_to_the_end_of_the_day_of_the_last_dose():
+    rates = amounts((0.0, 1.0))
+    for last_bolus_min, known in ((600.0, 1), (DAY + 600.0, 2)):
+        days = day_sums(Given(basal_U_h=rates, bolus_U=amounts((1.0, 1.0), (last_bolus_min, 1.0))), range(4))
+        assert [math.isfinite(days[day]["basal_U"]) for day in range(4)] == [day < known for day in range(4)]
+    assert day_sums(Given(basal_U_h=rates, complete=True), [3])[3]["basal_U"] == pytest.approx(24.0)
+
+
+def test_all_insulin_without_what_of_it_is_basal():
+    rates = Given(insulin_U_h=amounts(*((60.0 * hour, 1.5) for hour in range(24))))
+    numbers = given_numbers(rates, readings(0.0, DAY))
+    assert numbers["insulin_U_day"] == pytest.approx(36.0)
+    assert [result.name for result in known_results([numbers])] == ["insulin_U_day"]
 
 
 def test_pens_have_the_basal_insulin_that_was_injected():
@@ -103,7 +119,8 @@ def test_nothing_is_known_of_a_record_of_readings_alone():
 def test_basal_insulin_is_the_integral_of_its_rate(rates, day):
     rates = sorted(rates)
     begins = np.array([t for t, _ in rates])
-    basal_U = day_sums(Given(basal_U_h=amounts(*rates)), [day])[day]["basal_U"]
+    of_pump = Given(basal_U_h=amounts(*rates), bolus_U=amounts((3.0 * DAY, 1.0)))
+    basal_U = day_sums(of_pump, [day])[day]["basal_U"]
     unknown_min = max(0.0, begins[0] - DAY * day)
     if unknown_min > 60.0:
         assert math.isnan(basal_U)

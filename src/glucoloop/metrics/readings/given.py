@@ -2,7 +2,8 @@
 
 A day counts where the readings begin within its first hour or before it and end within its last one or after it. What
 is not told is not zero: boluses are known from the day of the first one to that of the last, carbohydrate and injected
-long-acting insulin likewise, and basal insulin on days with a rate for all but an hour.
+long-acting insulin likewise, and basal insulin on days with a rate for all but an hour. The last rate holds to the end
+of the day of the last dose or rate, for readings may go on where a record has no more of the pump.
 """
 
 from __future__ import annotations
@@ -64,6 +65,8 @@ class Given:
 
     basal_U_h: Amounts = NOTHING
     """Rates, each from its time to the next one; NaN where none is known."""
+    insulin_U_h: Amounts = NOTHING
+    """Rates of all insulin, likewise, where nothing tells what of it is basal and what boluses."""
     bolus_U: Amounts = NOTHING
     long_acting_U: Amounts = NOTHING
     carbs_g: Amounts = NOTHING
@@ -115,8 +118,8 @@ def whole_days(readings: Readings) -> list[int]:
 
 def day_sums(given: Given, days: Iterable[int]) -> dict[int, dict[str, float]]:
     """Sums of each of some days; NaN for what the record does not tell of it."""
-    integral = _integral(given.basal_U_h)
-    return {day: _sums_of(given, integral, day) for day in days}
+    basal, insulin = (_integral(given, rates) for rates in (given.basal_U_h, given.insulin_U_h))
+    return {day: _sums_of(given, basal, insulin, day) for day in days}
 
 
 def given_numbers(given: Given, readings: Readings) -> dict[str, float]:
@@ -152,7 +155,7 @@ def _mean(days: Sequence[Mapping[str, float]], name: str) -> float:
 
 
 class _Integral(NamedTuple):
-    """Insulin by the known rates, and time with a known one, up to each change of the rate; the last one goes on."""
+    """Insulin by the known rates, and time with a known one, up to each change of the rate and to the end."""
 
     t_min: Floats
     amount_U: Floats
@@ -163,25 +166,30 @@ class _Integral(NamedTuple):
         return float(np.interp(t_min, self.t_min, self.amount_U)), float(np.interp(t_min, self.t_min, self.known_min))
 
 
-def _integral(rates: Amounts) -> _Integral | None:
+def _integral(given: Given, rates: Amounts) -> _Integral | None:
     if not np.isfinite(rates.amount).any():
         return None
     # of several rates at one time the last one holds, which is the first of the reversed ones
     t, last = np.unique(rates.clock_min[::-1], return_index=True)
     rate = rates.amount[::-1][last]
-    edges = np.append(t, t[-1] + _CENTURY_MIN)
+    ends = [one.clock_min[-1] for one in (rates, given.bolus_U, given.long_acting_U) if one.amount.size]
+    end = t[-1] + _CENTURY_MIN if given.complete else MIN_PER_DAY * (1.0 + np.floor(max(ends) / MIN_PER_DAY))
+    edges = np.append(t, end)
     known = np.isfinite(rate)
     amount = np.cumsum(np.diff(edges) * np.where(known, rate, 0.0) / MIN_PER_H)
     return _Integral(edges, np.insert(amount, 0, 0.0), np.insert(np.cumsum(np.diff(edges) * known), 0, 0.0))
 
 
-def _sums_of(given: Given, integral: _Integral | None, day: int) -> dict[str, float]:
-    begin, end = MIN_PER_DAY * day, MIN_PER_DAY * (day + 1)
-    by_rate = math.nan
-    if integral is not None:
-        (before_U, before_min), (after_U, after_min) = integral.at(begin), integral.at(end)
-        if MIN_PER_DAY - (after_min - before_min) <= _MAX_UNKNOWN_MIN:
-            by_rate = after_U - before_U
+def _by_rate(integral: _Integral | None, day: int) -> float:
+    """Insulin of a day by rates; NaN where they are not known for all but an hour of it."""
+    if integral is None:
+        return math.nan
+    (before_U, before_min), (after_U, after_min) = (integral.at(MIN_PER_DAY * one) for one in (day, day + 1))
+    return after_U - before_U if MIN_PER_DAY - (after_min - before_min) <= _MAX_UNKNOWN_MIN else math.nan
+
+
+def _sums_of(given: Given, by_basal_rate: _Integral | None, by_all: _Integral | None, day: int) -> dict[str, float]:
+    by_rate = _by_rate(by_basal_rate, day)
     injected, bolus, carbs = (
         amounts.of_day(day).amount if given.complete or amounts.known_on(day) else None
         for amounts in (given.long_acting_U, given.bolus_U, given.carbs_g)
@@ -189,7 +197,7 @@ def _sums_of(given: Given, integral: _Integral | None, day: int) -> dict[str, fl
     parts = [amount for amount in (by_rate, _sum(injected)) if math.isfinite(amount)]
     basal = sum(parts) if parts else math.nan
     return {
-        "insulin_U": basal + _sum(bolus),
+        "insulin_U": basal + _sum(bolus) if by_all is None else _by_rate(by_all, day),
         "basal_U": basal,
         "bolus_U": _sum(bolus),
         "boluses": math.nan if bolus is None else float(bolus.size),

@@ -179,8 +179,8 @@ def notes(config: League) -> Iterator[str]:
 def _left_out(config: League) -> Iterator[str]:
     for name in config.left_out:
         yield (
-            f"{name} takes no part, since each of its loops compiles for up to a minute; --controller {name} has it in "
-            "the league."
+            f"{name} takes no part, since each of its loops compiles for up to half a minute; --controller {name} has "
+            "it in the league."
         )
 
 

@@ -96,7 +96,8 @@ class RecordRequest(Component):
         str | None, _reading("Reader of the files, where it cannot be seen: `glucoloop list readers`.")
     ] = None
     dates: Annotated[
-        Literal["day-first", "month-first"] | None, _reading("Order of day and month, where a file leaves it open.")
+        Literal["day-first", "month-first", "year-first"] | None,
+        _reading("Order of day and month, where a file leaves it open."),
     ] = None
     glucose_unit: Annotated[
         Literal["mg/dl", "mmol/l"] | None, _reading("Unit of glucose, where a file does not say it.")

@@ -15,9 +15,10 @@ from glucoloop.records import DeviceRecord, FileRefusal, read_people
 from glucoloop.records.reading import files_of_people
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import ColumnForm, TableBounds
-from glucoloop.storage.results import read_parquet, refusing_damage
+from glucoloop.storage.results import parquet_table, read_parquet, refusing_damage
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.text import how_many, printable
+from glucoloop.trials.folder import RECORD, TrialOrigin, traces_in_store
 from glucoloop.units import MIN_PER_DAY, MU_MIN_PER_U_H, MU_PER_U, S_PER_MIN
 
 
@@ -220,6 +221,9 @@ _COURSE: Final = {
     "t_min": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=36_525.0 * MIN_PER_DAY, optional=False),
     "glucose_mg_dl": ColumnForm(kind=pl.Float64(), at_least=-10_000.0, at_most=10_000.0, nan=True),
 }
+_INSULIN: Final = "insulin_mU_min"
+_DOSES: Final = {_INSULIN: ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=1e6)}
+"""Column that traces of a trial have beside glucose."""
 _BOUNDS: Final = TableBounds(least_rows=1, most_rows=20_000_000, columns=6)
 
 
@@ -237,7 +241,7 @@ class _SimulatedCourse(NamedTuple):
 
 def _is_simulated(folder: Path) -> bool:
     """Whether a folder holds courses of `glucoloop run`, `compare`, or `trial --traces`; Refusal for other trials."""
-    results = bool(_tables_of(folder))
+    results = bool(_tables_of(folder)) or _has_store(folder)
     if not results and (folder / "shards").is_dir():
         raise Refusal(f"{folder} holds no course of glucose; run it by `glucoloop trial --traces`")
     return results
@@ -247,18 +251,27 @@ def _tables_of(folder: Path) -> list[Path]:
     return [folder / _OF_RUN] if (folder / _OF_RUN).is_file() else sorted(folder.glob(_OF_TRIAL))
 
 
+def _has_store(folder: Path) -> bool:
+    """Whether the traces of a trial are in a store."""
+    return (folder / RECORD).is_file() and TrialOrigin.of_folder(folder).traces_at is not None
+
+
 def _table_of(place: Path) -> pl.DataFrame:
     """Courses of a file; Refusal for a table that no run or trial wrote."""
-    table = read_parquet(place, _BOUNDS)
+    return _courses(place, read_parquet(place, _BOUNDS))
+
+
+def _courses(place: Path | str, table: pl.DataFrame) -> pl.DataFrame:
     missing = {*_COURSE} - {*table.columns}
     if missing:
         raise Refusal(f"{place} is damaged: it has no column {min(missing)}; write it again")
-    wrong = [name for name in _COURSE if not table.schema[name].is_numeric()]
+    wrong = [name for name in (*_COURSE, *_DOSES) if name in table.columns and not table.schema[name].is_numeric()]
     if wrong:
         raise Refusal(f"{place} is damaged: its column {wrong[0]} has no numbers; write it again")
     names = [name for name in _NAMES if name in table.columns]
-    table = table.select(*names, pl.col(*_COURSE).cast(pl.Float64))
-    for name, column in _COURSE.items():
+    columns = {name: form for name, form in {**_COURSE, **_DOSES}.items() if name in table.columns}
+    table = table.select(*names, pl.col(*columns).cast(pl.Float64))
+    for name, column in columns.items():
         try:
             column.refuse_other(table[name])
         except Refusal as error:
@@ -269,6 +282,9 @@ def _table_of(place: Path) -> pl.DataFrame:
 def _simulated_trajectories(folder: Path) -> list[_SimulatedCourse]:
     """Courses of a folder: of a run, of each case of a comparison, or of each person of a trial with traces."""
     tables = [_table_of(place) for place in _tables_of(folder)]
+    if not tables:
+        stored = traces_in_store(folder)
+        tables = [_courses(place, parquet_table(place, data, _BOUNDS)) for place, data in stored]
     with refusing_damage(folder):
         table = pl.concat(tables)
     names = [name for name in _NAMES if name in table.columns]
@@ -280,8 +296,16 @@ def _simulated_trajectories(folder: Path) -> list[_SimulatedCourse]:
         words = [f"person {value}" if isinstance(value, int) else str(value) for value in key]
         readings = Readings.of(part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy())
         group = " ".join(words[:-1] if "person" in names else words) or "People"
-        results.append(_SimulatedCourse(" ".join(words), group, of_people, readings, given.get(key, NOTHING_GIVEN)))
+        own = given.get(key, NOTHING_GIVEN)
+        own = _insulin_of(part) if own is NOTHING_GIVEN and _INSULIN in part.columns else own
+        results.append(_SimulatedCourse(" ".join(words), group, of_people, readings, own))
     return results
+
+
+def _insulin_of(trace: pl.DataFrame) -> Given:
+    """All insulin of a person of a trial, whose traces tell no more; the end has none."""
+    trace = trace.filter(pl.col(_INSULIN).is_not_null())
+    return Given(insulin_U_h=Amounts(trace["t_min"].to_numpy(), trace[_INSULIN].to_numpy() / MU_MIN_PER_U_H))
 
 
 def _simulated_doses(folder: Path) -> dict[tuple[object, ...], Given]:
@@ -289,7 +313,7 @@ def _simulated_doses(folder: Path) -> dict[tuple[object, ...], Given]:
     if not (folder / _TRACE).is_file():
         return {}
     table = read_parquet(folder / _TRACE, _BOUNDS)
-    if not {"t_min", "insulin_mU_min", "carbs_g"} <= {*table.columns}:
+    if not {"t_min", _INSULIN, "carbs_g"} <= {*table.columns}:
         return {}
     parts = table.partition_by("case", as_dict=True) if "case" in table.columns else {("the run",): table}
     return {key: _simulated_given(part) for key, part in parts.items()}
@@ -302,7 +326,7 @@ def _simulated_given(trace: pl.DataFrame) -> Given:
         given = trace.filter(pl.col(column) > 0.0)
         return Amounts(given["t_min"].to_numpy(), given[column].to_numpy() / divisor)
 
-    rate_U_h = trace["insulin_mU_min"].to_numpy() / MU_MIN_PER_U_H
+    rate_U_h = trace[_INSULIN].to_numpy() / MU_MIN_PER_U_H
     return Given(
         basal_U_h=Amounts(trace["t_min"].to_numpy(), rate_U_h),
         bolus_U=above_zero("bolus_mU", MU_PER_U),

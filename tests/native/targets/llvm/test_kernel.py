@@ -9,6 +9,7 @@ import pytest
 
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import emit, kernel
+from glucoloop.native.targets.llvm import kernel as llvm
 from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes, vectors_at_once
 from glucoloop.patients import Inputs
 from glucoloop.patients.sorensen import equations as sorensen
@@ -241,8 +242,25 @@ def test_kernels_come_and_go(compiled, numbers, native):
 
 def test_equal_code_is_compiled_once(lowered, compiled, numbers):
     once, again, other = (compile_kernel(lowered[p]) for p in ("float64", "float64", "float32"))
+    results = [run(kernel, numbers) for kernel in (once, again, other)]
     assert once._engine is again._engine is not other._engine
-    for a, b in zip(run(again, numbers), run(compiled["float64"], numbers), strict=True):
+    for a, b in zip(results[1], run(compiled["float64"], numbers), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_a_kernel_that_runs_for_long_is_compiled_for_speed_with_the_same_bits(lowered, numbers, monkeypatch, precision):
+    monkeypatch.setattr(llvm, "is_kept", lambda made_from: False)  # by an earlier run of the tests
+    kernel = compile_kernel(lowered[precision])
+    quick = run(kernel, numbers)
+    code = kernel._engine
+    monkeypatch.setattr(llvm, "MANY_ROUNDS", kernel._rounds)
+    fast = run(kernel, numbers)
+    assert kernel._engine is not code
+    code = kernel._engine
+    run(kernel, numbers)
+    assert kernel._engine is code
+    for a, b in zip(quick, fast, strict=True):
         np.testing.assert_array_equal(a, b)
 
 

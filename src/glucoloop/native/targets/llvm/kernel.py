@@ -5,13 +5,14 @@ from __future__ import annotations
 import ctypes
 import functools
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._disk_cache import kept
+from glucoloop._disk_cache import is_kept, kept
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import SAMPLE
@@ -21,8 +22,12 @@ from glucoloop.refusal import Refusal
 
 Array = npt.NDArray[Any]
 
-_OPTIMISATION: Final = 2
-"""Level of LLVM's code generation."""
+_QUICK, _BEST = 0, 2
+"""Levels of LLVM's code generation. The first takes a tenth of the time of the second, and what it makes up to twice as
+long to run, with the same bits: no level changes the operations or their order.
+"""
+MANY_ROUNDS = 200_000
+"""Rounds, of a vector of people over a sample, in which the best code saves what it takes longer to compile."""
 _CODE_MODEL: Final = "small"
 """Constants lie near the code, so that no instruction has to load the address of one."""
 _DIVISION: Final = 4
@@ -48,13 +53,13 @@ def _processor() -> tuple[str, str, int]:
     return binding.get_host_cpu_name(), features.flatten(), bits
 
 
-def _machine() -> Any:
+def _machine(level: int) -> Any:
     """LLVM's machine for this processor; each kernel has one, which ends with the kernel."""
     from llvmlite import binding
 
     name, features, _ = _processor()
     target = binding.Target.from_default_triple()
-    return target.create_target_machine(cpu=name, features=features, opt=_OPTIMISATION, codemodel=_CODE_MODEL, jit=True)
+    return target.create_target_machine(cpu=name, features=features, opt=level, codemodel=_CODE_MODEL, jit=True)
 
 
 def lanes(precision: str) -> int:
@@ -63,13 +68,11 @@ def lanes(precision: str) -> int:
 
 
 @functools.lru_cache(maxsize=8)
-def _compiled(text: str) -> tuple[Any, int]:
+def _compiled(text: str, level: int) -> tuple[Any, int]:
     """Owner of the machine code, and its address; it is cached, since one process often makes the same loop again."""
-    import llvmlite
     from llvmlite import binding
 
-    name, features, _ = _processor()
-    machine = _machine()
+    machine = _machine(level)
 
     def compiled() -> bytes:
         module = binding.parse_assembly(text)
@@ -77,9 +80,7 @@ def _compiled(text: str) -> tuple[Any, int]:
         code: bytes = machine.emit_object(module)
         return code
 
-    llvm, triple = ".".join(map(str, binding.llvm_version_info)), machine.triple
-    cache_key = (text, triple, name, features, llvm, llvmlite.__version__, str(_OPTIMISATION), _CODE_MODEL)
-    code = binding.ObjectFileRef.from_data(kept(cache_key, compiled))
+    code = binding.ObjectFileRef.from_data(kept(_made_from(text, level), compiled))
     # llvmlite's memory manager puts all of an object into one place, as the code model needs it.
     engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine, use_lmm=True)
     engine.add_object_file(code)
@@ -87,8 +88,22 @@ def _compiled(text: str) -> tuple[Any, int]:
     return engine, engine.get_function_address("kernel")
 
 
+def _made_from(text: str, level: int) -> tuple[str, ...]:
+    """All that machine code depends on."""
+    import llvmlite
+    from llvmlite import binding
+
+    name, features, _ = _processor()
+    llvm, triple = ".".join(map(str, binding.llvm_version_info)), binding.get_default_triple()
+    return text, triple, name, features, llvm, llvmlite.__version__, str(level), _CODE_MODEL
+
+
 class Kernel:
-    """Compiled code; see `compile_kernel`."""
+    """Code that is compiled when it first runs; see `compile_kernel`.
+
+    It is compiled quickly, and again for speed by the run in which so much is computed that this pays, or as soon as
+    code for speed is kept from an earlier process. Both give the same bits.
+    """
 
     def __init__(self, text: str, precision: str, sizes: dict[str, int], lanes: int, room: int) -> None:
         self._made_of = text, precision, sizes, lanes, room
@@ -98,13 +113,29 @@ class Kernel:
         self.sizes = sizes
         self.text = text
         self._room = room * (1 << (lanes - 1).bit_length())  # as many as LLVM lays vectors apart
-        with _lock:
-            self._engine, address = _compiled(text)
-        pointer, whole = ctypes.c_void_p, ctypes.c_int64
-        self._call = ctypes.CFUNCTYPE(None, *[pointer] * 6, *[whole] * 4)(address)
+        self._rounds = 0
+        self._level: int | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kernel, self._made_of
+
+    def _code_for(self, rounds: int) -> Callable[..., None]:
+        """Code as good as pays for all rounds so far, these included."""
+        with _lock:
+            self._rounds += rounds
+            if self._level != _BEST:
+                many = self._rounds > MANY_ROUNDS
+                if many or (self._level is None and is_kept(_made_from(self.text, _BEST))):
+                    self._compile(_BEST)
+                elif self._level is None:
+                    self._compile(_QUICK)
+            return self._call
+
+    def _compile(self, level: int) -> None:
+        self._engine, address = _compiled(self.text, level)
+        pointer, whole = ctypes.c_void_p, ctypes.c_int64
+        self._call: Callable[..., None] = ctypes.CFUNCTYPE(None, *[pointer] * 6, *[whole] * 4)(address)
+        self._level = level
 
     def padded(self, people: int) -> int:
         """Number of columns of arrays for a number of people."""
@@ -129,11 +160,12 @@ class Kernel:
             if a.dtype != self.dtype or not a.flags.c_contiguous:
                 raise TypeError(f"an array of {a.dtype} that is not contiguous, or not of {self.dtype}")
         edges = [blocks * i // threads for i in range(threads + 1)]
+        code = self._code_for(blocks * samples)
 
         def part(i: int) -> None:
             room = np.empty(self._room + _LINE_BYTES // self.dtype.itemsize, self.dtype)
             begins = room.ctypes.data + -room.ctypes.data % _LINE_BYTES
-            self._call(*pointers, begins, people, edges[i], edges[i + 1], samples)
+            code(*pointers, begins, people, edges[i], edges[i + 1], samples)
 
         if threads == 1:
             part(0)
