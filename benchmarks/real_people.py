@@ -4,7 +4,8 @@ python benchmarks/real_people.py --folder FOLDER     or with the folder in GLUCO
 
 The folder holds ``Subject N.csv`` of AZT1D (doi:10.17632/gk9m674wcx.1) and ``UoMGlucoseN.csv`` with the other files
 of each person of T1D-UOM (doi:10.5281/zenodo.15169263), both under CC BY 4.0, or the ZIPs of these. Readings,
-carbohydrate, boluses, long-acting insulin and daily basal insulin of each person have to be equal; nothing is written.
+carbohydrate, boluses, long-acting insulin and daily basal insulin of each person have to be equal, but for readings
+that the record says to be there twice, and rows of a mistyped year; nothing is written.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import io
 import itertools
 import math
 import os
+import re
 import sys
 import tempfile
 import zipfile
@@ -27,6 +29,10 @@ import polars as pl
 import glucoloop as gl
 
 MG_DL_PER_MMOL_L = 18.0156
+TWICE = re.compile(
+    r"(?:Left out: readings that stand there twice, at slightly different times \(|^)(\d+)"
+    r"(?:\)| rows? lost a value and kept another one: readings that stand there twice)"
+)
 COLUMNS = {"readings": "glucose_mg_dl", "carbs_g": "carbs_g", "bolus_U": "bolus_U", "long_acting_U": "long_acting_U"}
 
 
@@ -35,6 +41,23 @@ def rows_of(path):
     text = path.read_bytes().decode("utf-8-sig")
     rows = csv.DictReader(io.StringIO(text))
     return list({tuple((key, value) for key, value in row.items() if key): row for row in rows}.values())
+
+
+def time_of(row):
+    """Time of a row of T1D-UOM."""
+    text = next(text for name, text in row.items() if name.endswith("_ts"))
+    return datetime.strptime(text.strip(), "%d/%m/%Y %H:%M")
+
+
+def wrong_years(files):
+    """Times of at most 12 rows that lie 90 days from all others of a person, as those of 2033 or 2204 do."""
+    times = sorted(time_of(row) for path in files for row in rows_of(path))
+    parts = [[times[0]]]
+    for time in times[1:]:
+        if time - parts[-1][-1] >= timedelta(days=90):
+            parts.append([])
+        parts[-1].append(time)
+    return {time for part in parts if len(part) <= 12 for time in part}
 
 
 def number(text):
@@ -90,9 +113,10 @@ def counted_azt1d(path):
 def counted_uom(files):
     """Sums of a person of T1D-UOM by hand."""
     result, rates = {"readings": 0, "carbs_g": 0.0, "bolus_U": 0.0, "long_acting_U": 0.0}, {}
+    wrong = wrong_years(files)
     for path in files:
         for row in rows_of(path):
-            if "bg_ts" in row:
+            if "bg_ts" in row or time_of(row) in wrong:
                 continue
             if "bolus_ts" in row:
                 result["bolus_U"] += number(row["bolus_dose"]) or 0.0
@@ -120,6 +144,7 @@ def read(files):
         name: float(frame[column].is_not_null().sum() if name == "readings" else frame[column].sum())
         for name, column in COLUMNS.items()
     }
+    sums["readings"] += sum(int(count) for note in record.notes for count in TWICE.findall(note))
     rates = frame.filter(pl.col("basal_U_h").is_not_null()).unique("time", keep="first", maintain_order=True)
     known = record.rows_used + sum(record.left_out.values()) == record.rows
     return sums, basal_by_day(list(rates.select("time", "basal_U_h").iter_rows())), known, record

@@ -23,7 +23,7 @@ UNREADABLE: Final = "rows with values that are no number or not possible"
 NO_TIME: Final = "rows without a readable time"
 REPEATED: Final = "rows that repeat another one"
 SAME_TIME: Final = "readings at the time of another reading of the same device"
-FAR: Final = "rows that lie far from all others in time, as of a clock that was not set"
+FAR: Final = "rows that lie a quarter of a year from all others, as by a wrong clock or year"
 
 _MIN_GAP_MIN: Final = 15.0
 _LARGEST_DAILY: Final = {"bolus_U": 600.0, "long_acting_U": 600.0, "carbs_g": 3000.0, "glucagon_ug": 10000.0}
@@ -107,7 +107,7 @@ def settled(extract: Extract, frame: pl.DataFrame, answers: Answers, account: Ac
 
 
 def _without_far_times(frame: pl.DataFrame, account: Account) -> pl.DataFrame:
-    """Rows without a few that lie most of a year from all others, as those of 1970 of a device without a clock."""
+    """Rows without a few that lie a quarter of a year from all others, as of a wrong clock or a mistyped year."""
     far = far_from_others(frame["time"])
     if not far.any():
         return frame

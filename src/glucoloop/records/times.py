@@ -37,9 +37,9 @@ _OTHERWISE: Final = (
 """Ways to write a time, each with one that the pattern has; they are tried where the pattern does not fit."""
 _HALF_DAY: Final = 12
 """Hours of a clock that needs AM and PM."""
-FAR_DAYS: Final = 300
-_MOST_FAR: Final = 0.01
-"""Distance from all other times, and share of them, at which those of a day at most are of a clock that was not set."""
+FAR_DAYS: Final = 90
+_MOST_FAR, _FEW_FAR = 0.01, 12
+"""Distance from all others, share of all, and number if of several days, of times of a wrong clock or year."""
 YEARS: Final = (1000, 9998)
 """First and last year of a time: a study shifts its dates by as much as it likes."""
 
@@ -258,10 +258,11 @@ def from_utc(instants: pl.Series, offsets: pl.Series | None = None) -> pl.DataFr
 
 
 def far_from_others(times: pl.Series) -> pl.Series:
-    """Whether each time is one of a few, of a day at most, that lie most of a year from all others, as in 1970."""
+    """Whether each time is one of a few, or of a single day, that lie a quarter of a year from all others."""
     frame = times.to_frame("time").with_row_index("place").sort("time", nulls_last=True)
     frame = frame.with_columns(part=(pl.col("time").diff().dt.total_days() >= FAR_DAYS).fill_null(False).cum_sum())
     span = pl.col("time").max().over("part") - pl.col("time").min().over("part")
-    few = pl.len().over("part") <= _MOST_FAR * frame.height
-    far = frame.with_columns(far=few & (span <= pl.duration(days=1)) & pl.col("time").is_not_null())
+    count = pl.len().over("part")
+    few = (count <= _MOST_FAR * frame.height) & ((span <= pl.duration(days=1)) | (count <= _FEW_FAR))
+    far = frame.with_columns(far=few & pl.col("time").is_not_null())
     return far.sort("place")["far"].fill_null(False)
