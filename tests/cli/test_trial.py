@@ -280,7 +280,10 @@ MISTAKES = {
     "trial --out a --dask here": ["no address of a scheduler", "tcp://10.0.0.1:8786"],
     "trial --out a --dask tcp://10.0.0.1:1 --workers 3": ["--workers is 3", "leave it out"],
     "trial --out a --traces all --traces-at bucket": ["no address of a store", "s3://bucket/folder"],
-    "trial --out a --traces-at file:///t": ["--traces-at is file:///t", "add --traces all, or leave it out"],
+    "trial --out a --traces-at file:///t": [
+        "no traces are kept for file:///t",
+        "add --traces all, or leave --traces-at out",
+    ],
     "trial --out a --integrator fast": ["--integrator", "glucoloop trial --help"],
     "query": ["DIR", "glucoloop query --help"],
     "query absent": ["absent is not a folder"],

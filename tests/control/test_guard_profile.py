@@ -53,6 +53,19 @@ def test_a_profile_changes_the_limits_up_to_a_factor_and_not_where_it_is_unknown
     assert largest_bolus(vein, carb_ratio_g_U=RATIO_G_U / 2.0) == largest_bolus(vein)
 
 
+def test_who_needs_less_basal_insulin_than_others_of_that_weight_may_have_a_bolus_by_the_own_ratio():
+    usual, ratio = largest_bolus(), RATIO_G_U / 5.0
+    of_daily = DAILY_U / 0.5
+    assert largest_bolus(carb_ratio_g_U=ratio, weight_kg=of_daily) == pytest.approx(3.0 * usual)
+    assert largest_bolus(carb_ratio_g_U=ratio, weight_kg=0.1 * of_daily) == pytest.approx(3.0 * usual)
+    assert largest_bolus(carb_ratio_g_U=ratio, weight_kg=float("nan")) == pytest.approx(3.0 * usual)
+    assert largest_bolus(carb_ratio_g_U=ratio, weight_kg=2.0 * of_daily) == pytest.approx(5.0 * usual)
+    assert largest_bolus(carb_ratio_g_U=RATIO_G_U / 50.0, weight_kg=2.0 * of_daily) == pytest.approx(6.0 * usual)
+    assert largest_bolus(carb_ratio_g_U=RATIO_G_U * 50.0, weight_kg=2.0 * of_daily) == pytest.approx(usual / 3.0)
+    vein = GuardSettings(max_hour=11.0, max_on_board=5.0)
+    assert largest_bolus(vein, carb_ratio_g_U=ratio, weight_kg=2.0 * of_daily) == largest_bolus(vein)
+
+
 def test_the_insulin_that_a_reading_allows_follows_the_factor_with_a_margin():
     guard = guarded(Wants(rate=66.9), SKIN)
     plain = follow(of_person(guard), HIGH)[0]

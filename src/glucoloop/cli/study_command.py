@@ -248,7 +248,7 @@ def _run_trial(study: TrialStudy, request: CommandRequest, typed: Given) -> Stud
 
     work, trial, start = run.work(study.extent), module.trial_of(run.config), time.monotonic()
     if traces_at is not None and trial.traces == "none":
-        raise Refusal(f"--traces-at is {traces_at}, but no traces are kept; add --traces all, or leave it out")
+        raise Refusal(f"no traces are kept for {traces_at}", "add --traces all", "leave --traces-at out")
     if request.output.overwrite:
         from glucoloop.trials.engine import prepare
 

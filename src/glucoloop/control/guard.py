@@ -65,6 +65,10 @@ one of glucose and insulin has reason to keep are a bolus of 100 U, 1e5 mU, and 
 """
 _MARGIN: Final = 1.4
 """Factor on a person's correction factor, since insulin in two depots is left longer than the guard counts it."""
+_DAILY_DOSE_U_KG: Final = 0.5
+"""Total daily dose by weight with which insulin therapy of type 1 diabetes begins; 0.4 to 1 U/kg are usual (American
+Diabetes Association, Standards of Care in Diabetes, section 9).
+"""
 _MAX_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
 
@@ -160,16 +164,24 @@ class Guard(AroundAnother):
     def limited_by(self, profile: Profile) -> Guard:
         """The same guard, whose limits of insulin follow a person's own ratio and factor where these are known."""
         rule, span = Profile(basal_mU_min=profile.basal_mU_min, setpoint_mg_dl=jnp.nan), self.settings.profile_span
+        most: jax.Array | float = span
+        if profile.weight_kg is not None and span > 1.0:
+            # Who needs next to no basal insulin may need as much at meals as others of that weight.
+            by_weight = _DAILY_DOSE_U_KG * jnp.asarray(profile.weight_kg) / rule.daily_dose_U()
+            most = span * jnp.where(by_weight > 1.0, by_weight, 1.0)
 
-        def share(known: Any, of_rule: Callable[[Any], jax.Array]) -> jax.Array | float:
-            return (
-                1.0 if known is None else jnp.where(jnp.isnan(known), 1.0, jnp.clip(of_rule(known), 1.0 / span, span))
-            )
+        def share(known: Any, of_rule: Callable[[Any], jax.Array], least: Any, most: Any) -> jax.Array | float:
+            return 1.0 if known is None else jnp.where(jnp.isnan(known), 1.0, jnp.clip(of_rule(known), least, most))
 
         return dataclasses.replace(
             self,
-            carb_share=share(profile.carb_ratio_g_U, lambda ratio: rule.carb_ratio() / ratio),
-            fall_share=share(profile.correction_mg_dl_U, lambda factor: _MARGIN * factor / rule.correction_factor()),
+            carb_share=share(profile.carb_ratio_g_U, lambda ratio: rule.carb_ratio() / ratio, 1.0 / span, most),
+            fall_share=share(
+                profile.correction_mg_dl_U,
+                lambda factor: _MARGIN * factor / rule.correction_factor(),
+                1.0 / most,
+                span,
+            ),
             foresight=None if self.foresight is None else self.foresight.with_profile(profile),
         )
 
@@ -529,7 +541,8 @@ def guarded(
        is given above the setpoint, nor on a reading that is not accepted.
 
     Where a person's own carbohydrate ratio or correction factor is known, ``with_profile`` scales ``B_max``, the cap of
-    the hour and ``F`` by it, up to the setting ``profile_span``.
+    the hour and ``F`` by it, up to the setting ``profile_span``; and further towards more insulin where by weight, 0.5
+    U/kg, a person needs more in a day than by the basal rate.
 
     ============  =========================================================  ====================
     variable      meaning                                                    setting

@@ -240,7 +240,7 @@ class TrialFolder(ResumableFolder):
         if self.store is not None:
             inside = file_system_path(self.store.address)
             if inside is not None and inside.resolve().is_relative_to(self.path.resolve()):
-                raise Refusal(f"{self.store.address} is within {self.path}; give a place beside it with --traces-at")
+                raise Refusal(f"{self.store.address} is within {self.path}", "give a place beside it with --traces-at")
             if overwrite:
                 self.store.refuse_other()  # which must not cost earlier work
         return super().begin(overwrite=overwrite)
@@ -249,10 +249,10 @@ class TrialFolder(ResumableFolder):
         goes_further = super()._refuse_another()
         earlier, now = self.recorded.traces_at, self.origin.traces_at
         if earlier != now:
-            way = "leave --traces-at out" if earlier is None else f"give --traces-at {earlier}"
             raise Refusal(
-                f"the traces of {self.path} are in {earlier or 'that folder'}, and not in {now or 'the folder'}; "
-                f"{way}, or choose another folder with --out"
+                f"the traces of {self.path} are in {earlier or 'that folder'}, and not in {now or 'the folder'}",
+                "leave --traces-at out" if earlier is None else f"give --traces-at {earlier}",
+                "choose another folder with --out",
             )
         return goes_further
 

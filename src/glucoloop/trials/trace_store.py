@@ -87,10 +87,10 @@ class TraceStore:
             others = [] if earlier is not None else files.names()
         if others:
             raise Refusal(
-                f"{self.address} holds {others[0]} and no traces of a trial; give an empty place with --traces-at"
+                f"{self.address} holds {others[0]} and no traces of a trial", "give an empty place with --traces-at"
             )
         if earlier not in (None, self.record):
-            raise Refusal(f"{self.address} holds the traces of another trial; give another address with --traces-at")
+            raise Refusal(f"{self.address} holds the traces of another trial", "give another address with --traces-at")
         return earlier is None
 
     def put(self, name: str, data: bytes, rows: int) -> StoredTable:
