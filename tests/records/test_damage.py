@@ -101,6 +101,7 @@ def test_a_part_of_a_number_in_full_is_not_a_value(read):
             assert record.left_out == ({"a last row that is cut off": 1} if cut else {})
 
 
+@pytest.mark.long
 def test_what_is_read_of_a_cut_file_stands_in_the_whole_one(tmp_path):
     for name in ("tandem", "t1d-uom", "replaybg", "carelink", "glooko"):
         whole = FILES[name]

@@ -209,6 +209,15 @@ def test_without_a_reading_for_over_10_min_a_high_rate_ends():
     assert rates[2] == pytest.approx(round(BASAL_U_H * 20.0) / 20.0 * 1000.0 / 60.0)
 
 
+def test_without_a_first_reading_glucose_is_taken_to_be_at_the_target_of_the_moment():
+    controller = Oref0().of_person(PERSON, WIDE)
+    for setpoint, expected in ((120.0, 120.0), (np.nan, 104.0)):
+        state = controller.init(observed(np.nan, valid=False, setpoint=setpoint))
+        np.testing.assert_array_equal(state.glucose_mg_dl, expected)
+    of_basal_rate = controller.with_basal(jnp.asarray(18.0)).init(observed(np.nan, valid=False))
+    np.testing.assert_array_equal(of_basal_rate.glucose_mg_dl, 104.0)
+
+
 def test_what_is_not_possible_is_refused():
     with pytest.raises(Refusal, match="every 5 min"):
         Oref0().of_person(PERSON, WIDE, sample_time_min=15.0)

@@ -415,7 +415,7 @@ class Oref0(OfPerson, name="oref0"):
     def init(self, observation: Observation) -> _Oref0State:
         """State after hours with this reading, the basal rate, no bolus and no meal."""
         zero = jnp.zeros_like(observation.delivered_mU_min)
-        reading = self._reading(observation, jnp.broadcast_to(self.setpoint_mg_dl, zero.shape))
+        reading = self._reading(observation, jnp.broadcast_to(self._setpoint(observation), zero.shape))
 
         def row(count: int) -> jax.Array:
             return jnp.zeros((count, *zero.shape), zero.dtype)
@@ -487,9 +487,7 @@ class Oref0(OfPerson, name="oref0"):
         insulin = _pushed(state.insulin_U, self._given_U(state, observation))
         waited = jnp.minimum(state.since_bolus_min + SAMPLE_MIN, _LONG_AGO_MIN)
 
-        setpoint = target_mg_dl(observation)
-        setpoint = jnp.where(jnp.isfinite(setpoint) & (setpoint > 0.0), setpoint, self.setpoint_mg_dl)
-        target = whole(jnp.clip(setpoint, *_TARGETS_MG_DL))
+        target = whole(jnp.clip(self._setpoint(observation), *_TARGETS_MG_DL))
         profile = dataclasses.replace(
             self.dosing, min_bg_mg_dl=target, max_bg_mg_dl=target, temptarget_set=_is_temporary(observation)
         )
@@ -531,6 +529,11 @@ class Oref0(OfPerson, name="oref0"):
     @property
     def _action_h(self) -> float:
         return self.insulin_action_min / MIN_PER_H
+
+    def _setpoint(self, observation: Observation) -> jax.Array:
+        """Target of the moment, or the person's setpoint where that is not possible."""
+        setpoint = target_mg_dl(observation)
+        return jnp.where(jnp.isfinite(setpoint) & (setpoint > 0.0), setpoint, self.setpoint_mg_dl)
 
     def _reading(self, observation: Observation, otherwise: jax.Array) -> jax.Array:
         """Reading in the range of a sensor, or another value where there is none."""
