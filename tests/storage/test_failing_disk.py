@@ -157,8 +157,8 @@ def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
         # What has its name is whole, and is of one trial.
         if (out / "trial.json").exists():
             for shard in done_shards(out, TrialOrigin.of_folder(out)):
-                for name, value in disk.read_sums(shard).items():
-                    assert hashlib.sha256((shard / name).read_bytes()).hexdigest() == value
+                for name, value in disk.read_sums(shard.path).items():
+                    assert hashlib.sha256((shard.path / name).read_bytes()).hexdigest() == value
         if begun == "begun":
             assert there.items() >= shards_of(start).items(), "a shard that was done is lost"
         tiny.run(out, overwrite=overwrite)
