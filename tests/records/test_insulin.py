@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 from device_files import START, carelink, every, nightscout_treatments, tandem
+from naming import naming
 from record_values import minutes, notes_of, profile, rates_of, values
 
 
@@ -174,6 +175,20 @@ def test_units_of_any_table(read, unit, rate):
     record = read(text, file_units=f"basal={unit},carbs=10g")
     assert record.frame["basal_U_h"][0] == pytest.approx(rate)
     assert record.frame["carbs_g"][0] == 20.0
+
+
+def test_a_basal_rate_whose_name_has_no_time(read, refused):
+    for name, unit in (("basal (U)", "U"), ("Basal [IE]", "IE"), ("basal_U", "U"), ("Basal units", "units")):
+        with naming(name):
+            columns = f"time=time,glucose_mg_dl=bg,basal_U_h={name}"
+            text = f"time,bg,{name}\n2024-03-13 00:00,100,0.075\n2024-03-13 00:05,101,0.075\n"
+            sentence = f"the column {name!r} is taken as U/h, and its name has {unit!r} without a time; say its unit"
+            assert refused(text, columns=columns).startswith(sentence)
+            assert read(text, columns=columns, file_units="basal=U/5min").frame["basal_U_h"][0] == pytest.approx(0.9)
+    for name in ("basal (U/h)", "basal_U_h", "basal rate", "Basalrate (E/h)"):
+        with naming(name):
+            text = f"time,bg,{name}\n2024-03-13 00:00,100,0.9\n2024-03-13 00:05,101,0.9\n"
+            assert read(text, columns=f"time=time,glucose_mg_dl=bg,basal_U_h={name}").frame["basal_U_h"][0] == 0.9
 
 
 def types_of(record):

@@ -33,7 +33,7 @@ def test_bounds_of_json(monkeypatch, refused, name, most, what):
     assert f" {what}, and at most {most} can be read; divide it" in refused(FILES["nightscout"])
 
 
-@pytest.mark.parametrize(("name", "what"), [("MAX_ROWS", "lines"), ("_MAX_CELLS", "cells")])
+@pytest.mark.parametrize(("name", "what"), [("MAX_ROWS", "lines"), ("MAX_CELLS", "cells")])
 def test_bounds_of_tables(monkeypatch, refused, name, what):
     monkeypatch.setattr(file_text, name, 20)
     assert f" {what}, and at most 20 can be read; leave some out, or divide it" in refused(clarity(30))

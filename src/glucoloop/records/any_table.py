@@ -45,16 +45,28 @@ _FRACTION: Final = r"^0?([.,]\d+)?$"
 _MILLIUNITS: Final = re.compile(r"(?<![A-Za-z])m(I?U|IE|UI)(?![a-z])(\s*/\s*\w+)?")
 _EXCHANGES: Final = re.compile(r"\b(1[0-9] ?g|BE|KE|KHE|[Ee]xchanges?|[Pp]ortions?|[Ss]ervings?|Broteinheit(en)?)\b")
 _MILLIGRAMS: Final = re.compile(r"(?i)(?<![a-z])mg(?![a-z])")
+_WITHOUT_TIME: Final = re.compile(r"(?i)(?<=[ (\[_])(i?u|ie?|ui|e|units?)(?=[)\]]*$)")
 _PER_MINUTE: Final = re.compile(r"(?i)(?<![a-z])(i?u|ie|ui)\s*(/|per)\s*(\d+\s*)?min")
 _PER_DAY: Final = re.compile(
     r"(?i)(?<![a-z])(i?u|ie?|ui|e|units?)\s*(/|per|pro|par)\s*(d|day|tag|jour|día|giorno|dag|24\s*h)(?![a-z])"
     r"|\b(daily|tdd|total|tagesdosis|per day|pro tag|par jour|24\s*h)\b"
 )
-_OF_VALUES: Final = re.compile(
-    r"(?i)insulin|bolus|basal|carb|glu[ck]o|glyc|glic|zucker|kohlenh|koolh|glucid|hidrat|kolhyd|(?<![a-z])(bg|bz|kh|ke|sgv)"
-    r"(?![a-z])"
+_WORDS: Final = {
+    "glucose": r"glu[ck]o|glyc|glic|zucker|(?<![a-z])(bg|bz|sgv|egv|cgm)(?![a-z])",
+    "carbs_g": r"carb|kohlenh|koolh|glucid|hidrat|kolhyd|(?<![a-z])(kh|ke|be|cho)(?![a-z])",
+    "bolus_U": r"bolus|bolo",
+    "basal_U_h": r"basal",
+    "glucagon_ug": r"glu[ck]agon",
+}
+"""Words in the names of columns that hold a quantity of a record."""
+_OF_VALUES: Final = re.compile(rf"(?i)insulin|{'|'.join(_WORDS.values())}")
+_OF_TIMES: Final = re.compile(
+    r"(?i)^(date.?time|time.?stamp|local.?time|time|ts|zeit(punkt|stempel)?|uhrzeit|heure|hora|ora|tijd|tid|godzina|čas"
+    r"|date (and|&) time|datum (und|/) (uhr)?zeit|date et heure|fecha y hora|data e ora)\b(?!.*zone)"
 )
-"""Words in the names of columns that hold insulin, carbohydrate or glucose."""
+_OF_DATES: Final = re.compile(r"(?i)^(date|datum|jour|fecha|giorno|dato|data)$")
+_LONGEST_NAME: Final = 40
+"""Longest name of a column that a message repeats."""
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
 
@@ -63,16 +75,16 @@ class AnyTable(ReaderComponent, name="table"):
 
     def recognised(self, content: FileText) -> bool:
         """Whether a file has the names of a record."""
-        return any(content.header("time", name, whole=True) for name in _VALUES.values()) or bool(
-            content.header("time", "glucose_mmol_l", whole=True)
-        )
+        begins = content.beginning_as_table
+        return any(begins.header("time", name, whole=True) for name in (*_VALUES.values(), "glucose_mmol_l"))
 
     def has_columns(self, content: FileText, columns: Mapping[str, str]) -> bool:
         """Whether a file has the time and one more of the columns that are named."""
-        return bool(self._present(content, columns))
+        return bool(self._present(content.beginning_as_table, columns))
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of a table by the names of its columns."""
+        content = content.as_table
         names = dict(answers.columns) or _own_names(content)
         present = self._present(content, names)
         missing = tuple(text for name, text in names.items() if name not in present)
@@ -128,6 +140,35 @@ class AnyTable(ReaderComponent, name="table"):
         return {}
 
 
+def proposed_columns(content: FileText) -> str:
+    """Columns of a table of another kind by the words in their names, as the answer ``columns``; empty if none say so.
+
+    Nothing else of the file is told, which may name a person.
+    """
+    for (number, delimiter), _ in content.beginning_as_table.fields:
+        names = [
+            " ".join(text.strip().strip('"').split())
+            for text in fields_of(content.beginning_as_table.head[number], delimiter)
+        ]
+        names = [name for name in names if 0 < len(name) <= _LONGEST_NAME and not set(name) & set(",=|'")]
+        times = [name for name in names if _OF_TIMES.search(name)]
+        dates = [name for name in names if _OF_DATES.search(name)]
+        values = {
+            target: [name for name in names if re.search(f"(?i){words}", name)] for target, words in _WORDS.items()
+        }
+        if not times + dates or not any(values.values()):
+            continue
+        result = {"time": (times or dates)[0]}
+        if times and dates:
+            result["date"] = dates[0]
+        for target, of_target in values.items():
+            for name in of_target[:1]:
+                unit = "mmol_l" if "mmol" in name.lower() else "mg_dl"
+                result[f"{target}_{unit}" if target == "glucose" else target] = name
+        return ",".join(f"{target}={name}" for target, name in result.items())
+    return ""
+
+
 def _on_unused(frame: pl.DataFrame, used: set[str]) -> list[str]:
     """Sentence on columns with values that are not used, and whose names say insulin, carbohydrate or glucose."""
     names = [name for name in frame.columns if name not in used and _OF_VALUES.search(name)]
@@ -156,6 +197,13 @@ def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
         other = (_MILLIGRAMS if target == "glucagon_ug" else _MILLIUNITS).search(text)
         other = other or (_PER_MINUTE.search(text) if target == "basal_U_h" else None)
         of_day = _PER_DAY.search(text) if target == "basal_U_h" and other is None else None
+        of_sample = _WITHOUT_TIME.search(text) if target == "basal_U_h" and other is None and of_day is None else None
+        if of_sample is not None and name not in answers.file_units:
+            raise Refusal(
+                f"the column {text!r} is taken as {unit}, and its name has {of_sample[0]!r} without a time",
+                f"say its unit, as file_units='{name}=U/5min' (--file-units) for the insulin of five minutes, or "
+                f"{name}=U/h",
+            )
         if of_day is not None and name not in answers.file_units:
             raise Refusal(
                 f"the column {text!r} is taken as {unit}, and its name has {of_day[0]!r}",

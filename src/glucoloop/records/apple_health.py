@@ -19,13 +19,12 @@ from glucoloop.records.extract import (
     BasalEvent,
     Extract,
     basal_rates,
-    cells,
     extract_frame,
     notes_on_spread,
     number_in,
     with_basal,
 )
-from glucoloop.records.file_text import MAX_ROWS, FileText, bounded
+from glucoloop.records.file_text import MAX_ROWS, FileText, bounded, cells
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal

@@ -87,12 +87,6 @@ def parts_of(frame: pl.DataFrame, *names: str) -> list[pl.DataFrame]:
     return frame.partition_by(names)
 
 
-def cells(values: Iterable[Any]) -> pl.Series:
-    """Values of JSON or XML as texts, so that what is no number is told; null for what is not there."""
-    texts = (None if value is None else str(value) if isinstance(value, int | float | str) else "?" for value in values)
-    return pl.Series(list(texts), dtype=pl.String)
-
-
 def finite(value: object) -> float | None:
     """A finite number of JSON; None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -8,7 +8,7 @@ import functools
 import io
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +26,7 @@ MAX_ROWS: Final = 5_000_000
 """Largest number of rows or entries of a file: a reading a minute for nine years."""
 _MAX_GROUPS, _MAX_VALUES = 10_000_000, 50_000_000
 _MAX_COLUMNS: Final = 1000
-_MAX_CELLS: Final = 100_000_000
+MAX_CELLS: Final = 100_000_000
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _ESCAPE: Final = re.compile(
     r"\\(?:u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}|(u[dD][89a-fA-F][0-9a-fA-F]{2})|.)", re.DOTALL
@@ -55,6 +55,9 @@ _EXTRA: Final = ("more 1", "more 2")
 """Columns for fields beyond those of the header."""
 _FIELD_END: Final = "\0"
 """Sign that no text has, between fields."""
+_FIRST_OBJECTS: Final = 60
+_BREAKS: Final = r"[\x00-\x1f\x7f\x{85}\x{2028}\x{2029}]+"
+"""Signs that divide fields or lines, or may do so."""
 _BEGINNING: Final = 40
 """Number of bytes of which every other one is zero where English is in UTF-16 without a mark."""
 _DOCUMENTS: Final = {b"%PDF-": "a PDF", rb"{\rtf": "a document in RTF"}
@@ -96,6 +99,24 @@ class FileText:
             return [_plain(item) for item in value]
         except RecursionError:
             return None
+
+    @functools.cached_property
+    def as_table(self) -> FileText:
+        """Text with a row for each object where this one is JSON of such; else this one."""
+        return self._rows_of_json(MAX_ROWS)
+
+    @functools.cached_property
+    def beginning_as_table(self) -> FileText:
+        """The first rows of `as_table`, in which a header is looked for."""
+        return self._rows_of_json(_FIRST_OBJECTS)
+
+    def _rows_of_json(self, most: int) -> FileText:
+        objects = _objects_of(self.json if isinstance(self.json, dict) else self.items)
+        if not objects:
+            return self
+        names = list(dict.fromkeys(name for one in objects[:most] for name in one))
+        table = pl.DataFrame({name: cells(one.get(name) for one in objects[:most]) for name in names})
+        return FileText(text_of(table), self.notes)
 
     def header(self, *names: str, whole: bool = False) -> tuple[int, str] | None:
         """Number of the first line with fields that begin with these names, and its delimiter; None if there is none.
@@ -168,6 +189,45 @@ def _plain(value: Any) -> Any:
                     return int(number) if number.is_integer() else number
             return inner
     return {name: _plain(inner) for name, inner in value.items()}
+
+
+def _objects_of(value: Any) -> list[dict[str, Any]]:
+    """Objects of a list in JSON, or of the columns of a table, as lists or by the number of the row; empty for others.
+
+    What is no object in a list has an empty one, as a row without cells.
+    """
+    if isinstance(value, dict):
+        columns = {name: [*own.values()] if isinstance(own, dict) else own for name, own in value.items()}
+        if not all(isinstance(own, list) for own in columns.values()) or len({*map(len, columns.values())}) != 1:
+            return []
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    if not isinstance(value, list) or not value or not isinstance(value[0], dict):
+        return []
+    return [one if isinstance(one, dict) else {} for one in value]
+
+
+def cells(values: Iterable[Any]) -> pl.Series:
+    """Values of JSON or XML as texts, so that what is no number is told; null for what is not there."""
+    texts = (None if value is None else str(value) if isinstance(value, int | float | str) else "?" for value in values)
+    return pl.Series(list(texts), dtype=pl.String)
+
+
+def text_of(table: pl.DataFrame) -> str:
+    """Table of another kind of file as a text, fields divided by tabs, so that it is read as any other.
+
+    Times are written as ISO 8601 has them, and what is neither a number nor a text as a question mark.
+    """
+    columns = []
+    for name, kind in table.schema.items():
+        cell = pl.col(name)
+        if isinstance(kind, pl.Datetime):
+            texts = cell.dt.to_string("%Y-%m-%d %H:%M:%S" if kind.time_zone is None else "%Y-%m-%d %H:%M:%S%:z")
+        elif kind.is_nested() or kind in (pl.Binary, pl.Object, pl.Duration):
+            texts = pl.when(cell.is_not_null()).then(pl.lit("?"))
+        else:
+            texts = cell.cast(pl.String).str.replace_all(_BREAKS, " ")
+        columns.append(texts.alias(" ".join(name.split())))
+    return table.select(columns).write_csv(separator="\t")
 
 
 def bounded(count: int, most: int, what: str, remedy: str = "divide it") -> None:
@@ -285,7 +345,7 @@ def table_of(text: str, delimiter: str) -> CellTable:
     columns, count = header.count(delimiter) + 1, body.count("\n") + 1
     bounded(columns, _MAX_COLUMNS, "columns", "leave some out, or divide it")
     bounded(count, MAX_ROWS, "lines", "leave some out, or divide it")
-    bounded(columns * count, _MAX_CELLS, "cells", "leave some out, or divide it")
+    bounded(columns * count, MAX_CELLS, "cells", "leave some out, or divide it")
     body = (_BLANK_LINES.sub("\n", body) if _BLANK_LINES.search(body) else body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()

@@ -28,14 +28,13 @@ from glucoloop.records.extract import (
     BasalEvent,
     Extract,
     basal_rates,
-    cells,
     extract_frame,
     notes_on_spread,
     number_in,
     with_basal,
     with_doses,
 )
-from glucoloop.records.file_text import FileText, json_of
+from glucoloop.records.file_text import FileText, cells, json_of
 from glucoloop.records.nightscout_profile import SWITCH, fixed_zone, profiles_of, usual_rates, zones_of
 from glucoloop.records.nightscout_table import is_table, items_of
 from glucoloop.records.reader import ReaderComponent

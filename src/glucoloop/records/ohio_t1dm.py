@@ -16,12 +16,11 @@ from glucoloop.records.extract import (
     BasalEvent,
     Extract,
     basal_rates,
-    cells,
     extract_frame,
     notes_on_spread,
     with_basal,
 )
-from glucoloop.records.file_text import FileText, xml_of
+from glucoloop.records.file_text import FileText, cells, xml_of
 from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.times import times_of
 from glucoloop.units import S_PER_MIN, number_of

@@ -7,22 +7,26 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import polars as pl
 
 from glucoloop.component.setting import choices_text
 from glucoloop.records.answers import Answers
-from glucoloop.records.any_table import AnyTable
+from glucoloop.records.any_table import AnyTable, proposed_columns
 from glucoloop.records.devices import program_of
 from glucoloop.records.extract import Account, Extract
 from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.nightscout_profile import zones_of
 from glucoloop.records.reader import READERS, ReaderComponent
-from glucoloop.records.record import PARQUET, DeviceRecord, FileRefusal, record_from_parquet
+from glucoloop.records.record import DeviceRecord, FileRefusal, is_parquet_record, record_from_parquet
 from glucoloop.records.tidy import record_of, settled
 from glucoloop.records.user_files import ZIP, UserFile, files_of, is_workbook
 from glucoloop.refusal import Refusal
+from glucoloop.schema.tables import PARQUET
 from glucoloop.text import how_many, printable
+
+_UNKNOWN: Final = "no reader knows it"
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,8 @@ def _by_name(each: Mapping[str, Mapping[str, DeviceRecord]]) -> dict[str, Device
 
 def _read(files: Sequence[UserFile], chosen: ReaderComponent | None, answers: Answers) -> dict[str, DeviceRecord]:
     """Record of each person of files that belong together."""
-    if any(file.data.startswith(PARQUET) for file in files):
-        record = next(file for file in files if file.data.startswith(PARQUET))
+    record = next((file for file in files if file.data.startswith(PARQUET)), None)
+    if record is not None:
         with _refusing(record.path):
             if len(files) > 1:
                 raise Refusal("it is a record that was read before; read it alone, or the first files together")
@@ -237,7 +241,7 @@ def _is_known(path: Path) -> bool:
     """Whether a file is one with records, by its form; one that cannot be read is, and is refused later."""
     try:
         data = read_bytes(path)
-        if data.startswith((PARQUET, ZIP)) and not is_workbook(data):
+        if (data.startswith(ZIP) and not is_workbook(data)) or is_parquet_record(data):
             return True
         return any(_is_known_text(file.data) for file in files_of(path))
     except Refusal:
@@ -249,7 +253,7 @@ def _is_known_text(data: bytes) -> bool:
     try:
         reader_of(content_of(data), Answers())
     except Refusal as error:
-        return not error.problem.startswith("no reader knows it")
+        return not error.problem.startswith(_UNKNOWN)
     return True
 
 
@@ -343,8 +347,14 @@ def reader_of(content: FileText, answers: Answers) -> ReaderComponent:
         raise Refusal("it begins like JSON, and breaks off or is damaged; give the whole file as it was exported")
     program = program_of("\n".join(content.head))
     form = f"; it names {program}, and has a form or a language that is not known here" if program else ""
+    columns = proposed_columns(content)
+    if columns:
+        raise Refusal(
+            f"{_UNKNOWN}: {_seen(content)}{form}",
+            f"name the columns of a table with their units, which may be columns='{columns}' (--columns)",
+        )
     raise Refusal(
-        f"no reader knows it: {_seen(content)}{form}. The readers are {choices_text(READERS.names())}",
+        f"{_UNKNOWN}: {_seen(content)}{form}. The readers are {choices_text(READERS.names())}",
         "for any other table name its columns, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)",
     )
 

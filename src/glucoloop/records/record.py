@@ -16,7 +16,7 @@ from glucoloop._representation import represented
 from glucoloop.records.answers import Answers, pairs_from_text
 from glucoloop.records.times import YEARS
 from glucoloop.refusal import Refusal
-from glucoloop.schema.tables import ColumnForm, TableBounds, read_table, table_metadata
+from glucoloop.schema.tables import PARQUET, ColumnForm, NoMetadata, TableBounds, read_table, table_metadata
 from glucoloop.schema.values import ValueBounds, checked, json_value
 from glucoloop.units import MIN_PER_DAY
 
@@ -50,8 +50,6 @@ COLUMNS: Final = {
 """Columns of a record, with the values that are possible."""
 SCHEMA: Final = {name: column.kind for name, column in COLUMNS.items()}
 """Columns of a record and their types."""
-PARQUET: Final = b"PAR1"
-"""Bytes with which a Parquet file begins."""
 _LATER: Final = (
     ("glucagon_ug",),
     ("bolus_type", "glucagon_ug"),
@@ -133,6 +131,19 @@ class DeviceRecord:
     def write_parquet(self, path: str | Path) -> None:
         """Write the record to a Parquet file, which `read_record` reads back."""
         Path(path).write_bytes(self.parquet())
+
+
+def is_parquet_record(data: bytes) -> bool:
+    """Whether the bytes of a file are those of a Parquet file of `DeviceRecord.parquet`, also of a damaged one."""
+    if not data.startswith(PARQUET):
+        return False
+    try:
+        table_metadata(data, _METADATA)
+    except NoMetadata:
+        return False
+    except Refusal:
+        return True
+    return True
 
 
 def record_from_parquet(data: bytes) -> DeviceRecord:

@@ -18,7 +18,6 @@ from glucoloop.records.extract import (
     BasalEvent,
     Extract,
     basal_rates,
-    cells,
     extract_frame,
     finite,
     notes_on_spread,
@@ -26,7 +25,7 @@ from glucoloop.records.extract import (
     with_basal,
     with_doses,
 )
-from glucoloop.records.file_text import CellTable, FileText, json_of
+from glucoloop.records.file_text import CellTable, FileText, cells, json_of
 from glucoloop.records.reader import TableReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of

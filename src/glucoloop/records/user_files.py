@@ -1,9 +1,8 @@
-"""Files that a user names: one itself, those of a folder, of a ZIP, and tables of a workbook or a database."""
+"""Files that a user names: one itself, those of a folder or a ZIP, and tables of a workbook, a database or Parquet."""
 
 from __future__ import annotations
 
 import io
-import re
 import sqlite3
 import subprocess
 import sys
@@ -12,9 +11,13 @@ import zlib
 from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
+import polars as pl
+
 from glucoloop.records import workbook_process
-from glucoloop.records.file_text import LARGEST_BYTES, MAX_ROWS, read_bytes
+from glucoloop.records.file_text import LARGEST_BYTES, MAX_CELLS, MAX_ROWS, cells, read_bytes, text_of
+from glucoloop.records.record import is_parquet_record
 from glucoloop.refusal import Refusal, needed_for
+from glucoloop.schema.tables import PARQUET, read_any_table
 
 _GZIP: Final = b"\x1f\x8b"
 _WITH_HEADER: Final = zlib.MAX_WBITS | 16
@@ -56,12 +59,23 @@ def _opened(path: Path, data: bytes, *, of_many: bool) -> list[UserFile]:
         data = _decompressed(data)
     if data.startswith(ZIP) and not is_workbook(data):
         raise Refusal("it is a ZIP within another file; unpack that, and give what is in it")
+    if data.startswith(PARQUET) and not is_parquet_record(data):
+        return [UserFile(path, _text_of_parquet(data), of_many)]
     if not is_workbook(data) and not _is_database(data):
         return [UserFile(path, data, of_many)]
     sheets = _tables_of(data) if _is_database(data) else _sheets_of(data)
     if not sheets:
         raise Refusal("it is a workbook without a table; give the one that was exported")
     return [UserFile(path, sheet, of_many or len(sheets) > 1) for sheet in sheets]
+
+
+def _text_of_parquet(data: bytes) -> bytes:
+    """Table of a Parquet file as a text, fields divided by tabs; Refusal for one that is damaged or too large."""
+    try:
+        table = read_any_table(data, most_rows=MAX_ROWS, most_cells=MAX_CELLS, most_bytes=LARGEST_BYTES)
+    except Refusal as error:
+        raise Refusal(f"it is a Parquet file that cannot be read: {error}", "write it again, or as CSV") from None
+    return text_of(table).encode()
 
 
 def _decompressed(data: bytes) -> bytes:
@@ -110,7 +124,6 @@ XDRIP_TABLES: Final = {
 }
 """Columns that are read of each table of xDrip's database."""
 _SQLITE: Final = b"SQLite format 3\0"
-_BREAKS: Final = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
 _STEPS_AT_ONCE, _MAX_STEPS = 1_000_000, 2_000
 """Steps of SQLite's machine, in thousands of millions at most, after which a query is given up."""
 
@@ -142,10 +155,9 @@ def _tables_of(data: bytes) -> list[bytes]:
                     continue
                 there = {row[1] for row in database.execute(f"PRAGMA table_info({name})")}
                 chosen = ", ".join(f'"{column}"' if column in there else "NULL" for column in columns)
-                rows = database.execute(f"SELECT {chosen} FROM {name} LIMIT {MAX_ROWS + 1}")
-                lines = ("\t".join("" if cell is None else _BREAKS.sub(" ", str(cell)) for cell in row) for row in rows)
-                text = "\n".join(["\t".join(columns), *lines])
-                result.append(text.encode(errors="replace"))
+                rows = database.execute(f"SELECT {chosen} FROM {name} LIMIT {MAX_ROWS + 1}").fetchall()
+                table = pl.DataFrame({column: cells(row[at] for row in rows) for at, column in enumerate(columns)})
+                result.append(text_of(table).encode())
     except (sqlite3.Error, UnicodeDecodeError, OverflowError) as error:
         raise Refusal("it is a database that is damaged; export it again") from error
     if not result:

@@ -1,4 +1,4 @@
-"""Table of a Parquet file that glucoloop wrote: its size and its columns are declared, and one check reads it.
+"""Table of a Parquet file, with declared size and columns if glucoloop wrote it, and one check that reads it.
 
 See `schema.values` for why it is checked like any other input. A few kilobytes can hold gigabytes. A reader allocates
 memory for a page by the page's own header, its bytes as well as its number of values, so the footer alone is not
@@ -31,10 +31,17 @@ from glucoloop.text import is_printable, one_line, printable, shown
 
 T = TypeVar("T")
 
+PARQUET: Final = b"PAR1"
+"""Bytes with which a Parquet file begins, and ends."""
+
 _CELL_BYTES: Final = 16
 _OVERHEAD_BYTES: Final = 10_000_000
 _STANDARD_ERROR: Final = 2
 _ONE_AT_A_TIME: Final = threading.Lock()
+
+
+class NoMetadata(Refusal):
+    """A key that the footer of a table does not have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,8 +140,24 @@ def table_metadata(data: bytes, key: str) -> str:
     parquet_size(data)  # refuses what has no footer
     texts = _of_polars(lambda: pl.read_parquet_metadata(io.BytesIO(data)))
     if key not in texts:
-        raise Refusal(f"its footer has no {key}")
+        raise NoMetadata(f"its footer has no {key}")
     return texts[key]
+
+
+def read_any_table(data: bytes, *, most_rows: int, most_cells: int, most_bytes: int) -> pl.DataFrame:
+    """Table from the bytes of a Parquet file of another program; Refusal, as a clause, if it is damaged or too large.
+
+    Its columns are of any type, and its texts may have control characters.
+    """
+    size = parquet_size(data)
+    for number, most, what in (
+        (size.rows, most_rows, "rows"),
+        (size.values, most_cells, "values"),
+        (size.bytes, most_bytes, "bytes"),
+    ):
+        if number > most:
+            raise Refusal(f"it has {number} {what}, and at most {most} can be read")
+    return _of_polars(lambda: pl.read_parquet(io.BytesIO(data)))
 
 
 def _physical(end: Any) -> Any:
@@ -180,7 +203,6 @@ def _without_words_of_a_panic() -> Iterator[None]:
                 os.write(_STANDARD_ERROR, line)
 
 
-_MAGIC: Final = b"PAR1"
 _LONGEST_VARINT: Final = 10
 # Fields of FileMetaData, RowGroup, ColumnChunk, ColumnMetaData and PageHeader.
 _ROWS, _GROUPS = 3, 4
@@ -206,7 +228,7 @@ class _ParquetSize(NamedTuple):
 
 def parquet_size(data: bytes) -> _ParquetSize:
     """Size of a table before it is read; ValueError if the bytes are no Parquet file."""
-    if len(data) < 12 or data[:4] != _MAGIC or data[-4:] != _MAGIC:
+    if len(data) < 12 or data[:4] != PARQUET or data[-4:] != PARQUET:
         raise Refusal("it is not a Parquet file")
     length = int.from_bytes(data[-8:-4], "little")
     if length > len(data) - 12:
@@ -233,7 +255,7 @@ def parquet_size(data: bytes) -> _ParquetSize:
 def _of_pages(data: bytes, column: dict[int, Any]) -> tuple[int, int]:
     """Bytes of a column's pages, uncompressed, and number of its values, as the header of each page says."""
     start, folded = column.get(_DICTIONARY_AT, column[_DATA_AT]), column[_FOLDED]
-    if not len(_MAGIC) <= start <= min(column[_DATA_AT], len(data) - folded):
+    if not len(PARQUET) <= start <= min(column[_DATA_AT], len(data) - folded):
         raise ValueError
     pages, unfolded, values = _Thrift(data[start : start + folded]), 0, 0
     while pages.tell() < folded:
