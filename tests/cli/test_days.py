@@ -12,7 +12,12 @@ from forecast_records import device_record, drawn_record, gridded
 
 @pytest.fixture
 def record(tmp_path):
-    device_record(drawn_record(7, 1)).write_parquet(tmp_path / "Doe_Jane.parquet")
+    """A record in which every second entered meal has no bolus."""
+    days = drawn_record(7, 1)
+    bolus_U = days.user_bolus_U.copy()
+    bolus_U[np.flatnonzero(bolus_U)[::2]] = 0.0
+    record = gridded(days.reading_mg_dl, basal_U=days.basal_U, bolus_U=bolus_U, carbs_g=days.carbs_g)
+    device_record(record).write_parquet(tmp_path / "Doe_Jane.parquet")
     return "Doe_Jane.parquet"
 
 
@@ -51,7 +56,9 @@ def test_virtual_people_stand_beside_the_record(glucoloop, record, tmp_path):
     median, low, high = others
     for name in ("mean_mg_dl", "carbs_g_day", "rises_day"):
         assert low[name] <= median[name] <= high[name]
-    assert median["carbs_g_day"] == pytest.approx(own["carbs_g_day"], rel=0.3)
+    assert plain["habits"]["without_bolus"] == pytest.approx(0.5, abs=0.03)
+    for name in ("carbs_g_day", "meals_day"):
+        assert median[name] == pytest.approx(own[name], rel=0.3), name
     assert pl.read_csv(tmp_path / "out/numbers.csv")["who"].to_list() == ["Record", *["basal-bolus"] * 3]
     page = (tmp_path / "out/page.html").read_text()
     assert "Nights, 0 to 6 h" in page

@@ -63,6 +63,11 @@ class LivedDays:
     name: str = ""
     """Name under which is drawn."""
 
+    @property
+    def of_plan(self) -> npt.NDArray[np.bool_]:
+        """Whether each meal ``(meals,)`` is one of the plan, and none that a habit added."""
+        return self.which < _ADDED
+
     def changed(self, **arrays: Any) -> LivedDays:
         """The days with other arrays."""
         return dataclasses.replace(self, **arrays)

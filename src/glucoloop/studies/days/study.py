@@ -218,11 +218,13 @@ def _lived(trial: Trial, label: str, eaten_over_entered: float, progress: Callab
     progress(label)
     days = trial.drawn_days(numbers)
     samples = trial.samples
-    announced = np.zeros((samples, numbers.size))
+    entered = np.zeros((samples, numbers.size))
     at = np.floor(days.announced_min / SAMPLE_MIN).astype(np.int64)
-    inside = (at >= 0) & (at < samples) & (days.announced_g > 0.0) & (days.carbs_g > 0.0)
+    # A meal of the plan without a bolus is entered too, as in the record; see `habits.Habits.without_bolus`.
+    entered_g = np.where(days.of_plan[:, None] & (days.announced_g == 0.0), days.carbs_g, days.announced_g)
+    inside = (at >= 0) & (at < samples) & (entered_g > 0.0) & (days.carbs_g > 0.0)
     rows, people = np.nonzero(inside)
-    np.add.at(announced, (at[rows, people], people), days.announced_g[rows, people])
+    np.add.at(entered, (at[rows, people], people), entered_g[rows, people])
     given_U = result.insulin_mU_min.astype(np.float64) * SAMPLE_MIN / MU_PER_U
     basal_U = np.broadcast_to(result.basal_insulin_mU_min * SAMPLE_MIN / MU_PER_U, given_U.shape)
     return _People(
@@ -234,7 +236,7 @@ def _lived(trial: Trial, label: str, eaten_over_entered: float, progress: Callab
                 basal_U=basal_U[:, person],
                 user_bolus_U=given_U[:, person] - basal_U[:, person],
                 automatic_bolus_U=np.zeros(samples),
-                carbs_g=announced[:, person] / eaten_over_entered,
+                carbs_g=entered[:, person] / eaten_over_entered,
                 basal_off_schedule_pct=0.0,
             )
             for person in whole
