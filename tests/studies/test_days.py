@@ -147,6 +147,13 @@ def test_meals_without_a_bolus_and_gaps_are_told():
         readings[day * SAMPLES_PER_DAY : day * SAMPLES_PER_DAY + 20] = np.nan
     habits = habits_of(gridded(readings, basal_U=record.basal_U, bolus_U=bolus_U, carbs_g=record.carbs_g))
     assert habits.without_bolus == pytest.approx(without.size / len(meals))
+    assert habits.bolus_alone == 0.0
+    boluses = np.flatnonzero(bolus_U)
+    carbs_g = record.carbs_g.copy()
+    for at in boluses[::5]:
+        carbs_g[at - 6 : at + 7] = 0.0
+    fewer = habits_of(gridded(readings, basal_U=record.basal_U, bolus_U=bolus_U, carbs_g=carbs_g))
+    assert fewer.bolus_alone == pytest.approx(boluses[::5].size / boluses.size)
     assert habits.gaps is not None
     assert habits.gaps.per_day == pytest.approx(7 / 28)
     assert habits.gaps.duration_min == pytest.approx(100.0)

@@ -154,6 +154,8 @@ class Habits:
     not_entered: tuple[Occasion, ...]
     without_bolus: float
     """Share of the entered meals without a bolus within 30 min."""
+    bolus_alone: float
+    """Share of the user's boluses without carbohydrate entered within 30 min."""
     late: float
     """Share of the entered meals before which glucose rises already."""
     late_min: float
@@ -242,6 +244,7 @@ def habits_of(record: GriddedRecord) -> Habits:
         entered=_occasions(eaten, days),
         not_entered=_occasions(_of_rises(by_snack, raise_mg_dl_g), days * active),
         without_bolus=float(1.0 - covered.mean()),
+        bolus_alone=_alone(record),
         late=late,
         late_min=float(late_min[late_min > 0.0].mean()) if late_min.any() else 0.0,
         weekend=weekend,
@@ -279,6 +282,12 @@ def meals_of(record: GriddedRecord) -> Places:
 def _near(amount: Values, at: int) -> float:
     """Sum of an amount within 30 min of a sample."""
     return float(amount[max(at - _WITH_BOLUS, 0) : at + _WITH_BOLUS + 1].sum())
+
+
+def _alone(record: GriddedRecord) -> float:
+    """Share of the user's boluses without carbohydrate entered within 30 min; 0 where there are none."""
+    boluses = np.flatnonzero(record.user_bolus_U > 0.0)
+    return float(np.mean([not _near(record.carbs_g, at) for at in boluses])) if boluses.size else 0.0
 
 
 def _late(record: GriddedRecord, at: Places) -> tuple[float, Values]:

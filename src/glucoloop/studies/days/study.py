@@ -61,6 +61,8 @@ _SETPOINT_MG_DL: Final = (90.0, 180.0)
 _PARTS_PCT: Final = (10.0, 1000.0)
 _RANGE: Final = (5.0, 95.0)
 _AUTOMATIC_PCT: Final = 5.0
+_MANY_ALONE: Final = 0.25
+"""Share of boluses without entered carbohydrate from which on it is told."""
 _FEW_MEALS: Final = 2.0
 _FIRST: Final = dt.datetime(2024, 1, 1)
 """Day 1 of virtual people, a Monday."""
@@ -280,6 +282,11 @@ def _notes(habits: Habits, record: GriddedRecord, trial: Trial, people: Sequence
         yield (
             f"Only {meals:.1f} meals a day are entered, so most of what is eaten stands as snacks that rises of "
             "glucose tell, and smaller meals are lacking."
+        )
+    if habits.bolus_alone > _MANY_ALONE:
+        yield (
+            f"{100.0 * habits.bolus_alone:.0f} % of the person's boluses have no carbohydrate entered within 30 min: "
+            "they correct, or are for something that was not entered. Virtual people have no bolus there."
         )
     if habits.eaten_over_entered != 1.0:
         yield (
