@@ -59,6 +59,9 @@ def test_the_same_record_whatever_wrote_the_table(read):
     for name, data in {"Parquet": parquet_of(TABLE), **in_json()}.items():
         with naming(name):
             assert read(data, columns=COLUMNS).frame.equals(expected, null_equal=True)
+    assert gl.read_record(TABLE, columns=COLUMNS).frame.equals(expected, null_equal=True)
+    with pytest.raises(gl.records.FileRefusal, match="the table: its glucose is taken as mmol/l, but it looks like"):
+        gl.read_record(TABLE, columns=COLUMNS.replace("mg_dl", "mmol_l"))
     own = TABLE.rename({"glucose": "glucose_mg_dl", "carbs": "carbs_g", "bolus": "bolus_U"})
     assert read(parquet_of(own)).frame.equals(expected, null_equal=True)
 

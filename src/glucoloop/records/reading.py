@@ -16,10 +16,10 @@ from glucoloop.records.answers import Answers
 from glucoloop.records.any_table import AnyTable, proposed_columns
 from glucoloop.records.devices import program_of
 from glucoloop.records.extract import Account, Extract
-from glucoloop.records.file_text import FileText, content_of, read_bytes
+from glucoloop.records.file_text import FileText, content_of, read_bytes, text_of
 from glucoloop.records.nightscout_profile import zones_of
 from glucoloop.records.reader import READERS, ReaderComponent
-from glucoloop.records.record import DeviceRecord, FileRefusal, is_parquet_record, record_from_parquet
+from glucoloop.records.record import IN_MEMORY, DeviceRecord, FileRefusal, is_parquet_record, record_from_parquet
 from glucoloop.records.tidy import record_of, settled
 from glucoloop.records.user_files import ZIP, UserFile, files_of, is_workbook
 from glucoloop.refusal import Refusal
@@ -38,19 +38,23 @@ class _Recognised:
     reader: ReaderComponent
 
 
-def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> dict[str, DeviceRecord]:
+def read_files(sources: Sequence[Path | pl.DataFrame], reader: str | None, answers: Answers) -> dict[str, DeviceRecord]:
     """Record of each person by name, an empty one for files of one person; FileRefusal if there is none."""
-    if len(paths) == 1 and paths[0].is_dir():
-        people = _people_of(paths[0])
+    only = sources[0] if len(sources) == 1 and isinstance(sources[0], Path) else None
+    if only is not None and only.is_dir():
+        people = _people_of(only)
         if len(people) > 1:
             each = {_name_of([path.name for path in own]): read_files(own, reader, answers) for own in people}
             return _by_name(each)
     chosen = None if reader is None else READERS.choose(reader)
     files: list[UserFile] = []
-    for path in paths:
-        with _refusing(path):
-            files += files_of(path)
-    people_in_zip = _people_in_zip(paths[0], files) if len(paths) == 1 and paths[0].is_file() else {}
+    for source in sources:
+        if isinstance(source, pl.DataFrame):
+            files.append(UserFile(IN_MEMORY, text_of(source).encode()))
+            continue
+        with _refusing(source):
+            files += files_of(source)
+    people_in_zip = _people_in_zip(only, files) if only is not None and only.is_file() else {}
     if people_in_zip:
         each = {name: _read(own, chosen, answers) for name, own in people_in_zip.items()}
         return _by_name(each)

@@ -29,6 +29,8 @@ LARGEST_AMOUNTS: Final = {"carbs": 1000.0, "bolus": 100.0, "long_acting": 300.0,
 an emergency dose of glucagon is 1 mg injected, or 3 mg into the nose."""
 _LARGEST_RATE_U_H: Final = 100.0
 """Largest rate of a record, also of one that a simulator gives over a sample."""
+IN_MEMORY: Final = Path("the table")
+"""Name by which messages call a table that is no file."""
 AUTOMATIC: Final = "automatic"
 MANUAL: Final = "manual"
 COLUMNS: Final = {
@@ -176,7 +178,7 @@ def _table(data: bytes) -> pl.DataFrame:
 
 
 def read_record(
-    *paths: str | Path,
+    *paths: str | Path | pl.DataFrame,
     reader: str | None = None,
     dates: str | None = None,
     glucose_unit: str | None = None,
@@ -193,9 +195,9 @@ def read_record(
 
     Parameters
     ----------
-    *paths : str or Path
-        Files of one person, such as entries and treatments of Nightscout, a folder or a ZIP of them, or a record that
-        `DeviceRecord` wrote.
+    *paths : str, Path or polars.DataFrame
+        Files of one person, such as entries and treatments of Nightscout, a folder or a ZIP of them, a record that
+        `DeviceRecord` wrote, or tables in memory, read as a file of the same columns is.
     reader : str, optional
         Name of the reader, where it cannot be seen; ``glucoloop list readers`` has all.
     dates : {"day-first", "month-first", "year-first"}, optional
@@ -243,7 +245,7 @@ def read_record(
     )
     if len(people) > 1:
         raise FileRefusal(
-            [Path(path) for path in paths],
+            [IN_MEMORY if isinstance(path, pl.DataFrame) else Path(path) for path in paths],
             Refusal(f"it is of {len(people)} people", "read them with read_people, which gives one record each"),
         )
     [record] = people.values()
@@ -251,7 +253,7 @@ def read_record(
 
 
 def read_people(
-    *paths: str | Path,
+    *paths: str | Path | pl.DataFrame,
     person_column: str | None = None,
     reader: str | None = None,
     dates: str | None = None,
@@ -266,8 +268,8 @@ def read_people(
 
     Parameters
     ----------
-    *paths : str or Path
-        Files in which the people have the same names.
+    *paths : str, Path or polars.DataFrame
+        Files or tables in which the people have the same names.
     person_column : str, optional
         Name of that column, where it cannot be seen.
     reader, dates, glucose_unit, time_zone, columns, file_units, device, scans
@@ -305,4 +307,4 @@ def read_people(
         person_column=person_column,
         scans=scans,
     )
-    return read_files([Path(path) for path in paths], reader, answers)
+    return read_files([path if isinstance(path, pl.DataFrame) else Path(path) for path in paths], reader, answers)
