@@ -25,7 +25,6 @@ from pathlib import Path
 
 import jax
 
-from glucoloop.cli.exported import Made
 from glucoloop.cli.jax_cache import keep_compiled
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.firmware.checks import (
@@ -41,7 +40,8 @@ from glucoloop.firmware.chips import CHIPS
 from glucoloop.firmware.exported import PRECISIONS
 from glucoloop.firmware.samples import joined
 from glucoloop.situations.situation import configured
-from glucoloop.studies.exported import Export
+from glucoloop.studies.export import Export
+from glucoloop.studies.export.study import Made
 
 FOLDER = Path(__file__).resolve().parent
 RESULTS, FIGURES = FOLDER / "chip_results.json", FOLDER / "guide" / "chip_figures.md"

@@ -29,7 +29,7 @@ SHARED = {
     "trials/folder.py": WRITING,
     "firmware/hil": frozenset({"hil"}),
     "cli/study_command.py": WRITING,
-    "cli/exported.py": frozenset({"export"}),
+    "studies/export/study.py": frozenset({"export"}),
     "lab": frozenset({"lab"}),
     "twins": frozenset({"twin", "replay"}),
     "studies/guarded.py": frozenset({"stress", "adversary"}),

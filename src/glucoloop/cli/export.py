@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.command import ALLOW_CODE, OUTPUT, Command, CommandOption, Given, options_of
 from glucoloop.cli.request import command_request, configuration_of, notes_without_effect
@@ -12,7 +13,10 @@ from glucoloop.cli.screen import note, print_json, print_text, print_value, stag
 from glucoloop.component.request import read_root
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import intravenous_boluses
-from glucoloop.studies.exported import Export
+from glucoloop.studies.export import Export
+
+if TYPE_CHECKING:
+    from glucoloop.firmware.checks import Check
 
 HELP: Final = (
     "Write a controller in C for a microcontroller, with recorded samples and a self-test.\n\n"
@@ -48,7 +52,7 @@ def _export(typed: Given) -> None:
         config = configuration_of(request, Export)
         without_effect = notes_without_effect(config)
         note((*intravenous_boluses(config), *without_effect))
-        from glucoloop.cli.exported import print_checks, report, write
+        from glucoloop.studies.export.study import report, write
 
         with stage("Designing the controller, and writing it in C"):
             made, checks = write(config, folder, without_effect)
@@ -58,7 +62,7 @@ def _export(typed: Given) -> None:
     else:
         exported = made.exported
         print_text(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
-        print_checks(checks)
+        _print_checks(checks)
         print_text(where_written(output.out, files))
     if any(check.holds is False for check in checks):
         sys.exit(1)
@@ -75,7 +79,7 @@ def _check(typed: Given) -> None:
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
     chosen: Given = {key: typed[key] for key in typed if key in ("samples", "target")}
     config = configuration_of(command_request({"config": str(configuration), **chosen}, OPTIONS), Export)
-    from glucoloop.cli.exported import check, print_checks
+    from glucoloop.studies.export.study import check
 
     with stage("Checking"):
         checks = check(config, folder)
@@ -84,8 +88,15 @@ def _check(typed: Given) -> None:
 
         print_value(with_version({"folder": str(folder), "checks": [check.as_dict() for check in checks]}))
     else:
-        print_checks(checks)
+        _print_checks(checks)
     sys.exit(1 if any(check.holds is False for check in checks) else 0)
+
+
+def _print_checks(checks: Iterable[Check]) -> None:
+    """Print one line for each check."""
+    for check in checks:
+        verdict = {True: "holds", False: "does not hold", None: "not run"}[check.holds]
+        print_text(f"{verdict:>13}  {check.name}: {check.finding}.")
 
 
 EXPORT: Final = Command("export", HELP, OPTIONS, _export, more="export")

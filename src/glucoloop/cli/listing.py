@@ -24,7 +24,7 @@ HELP: Final = (
 )
 _REQUESTS: Final = {
     "case": "glucoloop.situations.case:Case",
-    "export": "glucoloop.studies.exported:Export",
+    "export": "glucoloop.studies.export:Export",
     **{name: f"{entry.place}.request" for name, entry in STUDIES.items()},
 }
 """Places of the settings that are listed by the name of a command."""

@@ -287,7 +287,7 @@ def _near(amount: Values, at: int) -> float:
 def _alone(record: GriddedRecord) -> float:
     """Share of the user's boluses without carbohydrate entered within 30 min; 0 where there are none."""
     boluses = np.flatnonzero(record.user_bolus_U > 0.0)
-    return float(np.mean([not _near(record.carbs_g, at) for at in boluses])) if boluses.size else 0.0
+    return float(np.mean([not _near(record.carbs_g, int(at)) for at in boluses])) if boluses.size else 0.0
 
 
 def _late(record: GriddedRecord, at: Places) -> tuple[float, Values]:

@@ -9,7 +9,7 @@ from glucoloop.component.effects import CHANCE, Need
 from glucoloop.component.setting import Option
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
-from glucoloop.studies.exported import Form, Precision
+from glucoloop.studies.export import Form, Precision
 from glucoloop.studies.study import PlainStudy
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from glucoloop.private_folder import private_temporary_folder
 from glucoloop.simulation.stepper import scenario_stepper
 from glucoloop.storage.results import Results
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, outcome_of
-from glucoloop.studies.exported import exported_controller
+from glucoloop.studies.export import exported_controller
 from glucoloop.studies.hil import Hil
 from glucoloop.studies.run import study as run_study
 from glucoloop.units import MU_PER_U, S_PER_MIN

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from glucoloop.build.designs import controller_of
-from glucoloop.cli.screen import print_text
 from glucoloop.control.protocol import computed_settings
 from glucoloop.firmware.checks import CHECKED, INTERPRETED, Check, checks_of, chips_for
 from glucoloop.firmware.chips import chip_of
@@ -21,7 +20,7 @@ from glucoloop.situations.toml import toml_text
 from glucoloop.storage.files import json_text, read_text, with_version
 from glucoloop.storage.folder import OutputFolder
 from glucoloop.studies.closed_loop import model_arguments, model_for
-from glucoloop.studies.exported import Export, exported_controller, name_of
+from glucoloop.studies.export import Export, exported_controller, name_of
 
 
 class Made:
@@ -105,10 +104,3 @@ def check(config: Export, folder: Path) -> list[Check]:
         Check(name, same, results, {}),
         *checks_of(exported, of_loop, chips, samples=CHECKED[exported.source.form], deep=True),
     ]
-
-
-def print_checks(checks: Sequence[Check]) -> None:
-    """Print one line for each check."""
-    for check in checks:
-        verdict = {True: "holds", False: "does not hold", None: "not run"}[check.holds]
-        print_text(f"{verdict:>13}  {check.name}: {check.finding}.")
