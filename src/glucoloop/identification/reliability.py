@@ -13,13 +13,14 @@ A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable Feedback Contr
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.identification.gain_interval import CONFIDENCE
+from glucoloop.schema.values import ValueBounds
 
 Floats = npt.NDArray[np.float64]
 
@@ -38,9 +39,9 @@ class Reliability:
     gain_from: float
     gain_to: float
     """Ends of the 95 % interval of the person's gain [mg/dl per mU/min]."""
-    explained_percent: float
+    explained_percent: Annotated[float, ValueBounds(at_most=100.0)]
     """Part of the variance of left-out readings that the fit predicts: 100 is perfect, 0 as good as a mean."""
-    moved_percent: float | None = None
+    moved_percent: Annotated[float, ValueBounds(at_least=0.0)] | None = None
     """Largest change of glucose by the insulin of the record, by the model and of the glucose at the operating point;
     None for a record with meals, or where it is not known."""
 

@@ -52,19 +52,6 @@ class _Provenance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quality:
-    """Quality of the model according to the record; see `identification.Reliability`."""
-
-    gain_from: float
-    gain_to: float
-    """Ends of the 95 % confidence interval of the person's gain, mg/dl per mU/min."""
-    explained_percent: Annotated[float, ValueBounds(at_most=100.0)]
-    """Share of the variance of readings left out of the fit that is predicted."""
-    moved_percent: Annotated[float, ValueBounds(at_least=0.0)] | None = None
-    """Largest change of glucose by the insulin of the record; None for a record with meals."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class _Recursion:
     """Linear system that generates the impulse response; see `models.step_response.Realisation`."""
 
@@ -103,7 +90,7 @@ class ModelFile:
     realisation: _Recursion | None = None
     """The response beyond its memory; None for one that ends there."""
     operating_point: _RestingPoint
-    quality: Quality | None = None
+    quality: Reliability | None = None
     """Quality of the model; None in a file from another program."""
     provenance: _Provenance
 
@@ -139,7 +126,7 @@ class ModelFile:
         resting = self.operating_point
         return doubts(
             self.gain,
-            None if self.quality is None else Reliability(**vars(self.quality)),
+            self.quality,
             basal_insulin_mU_min=resting.basal_insulin_mU_min,
             glucose_mg_dl=resting.glucose_mg_dl,
         )
@@ -174,7 +161,7 @@ def model_file(
             basal_insulin_mU_min=identification.basal_insulin_mU_min,
             glucose_mg_dl=identification.baseline_glucose_mg_dl,
         ),
-        quality=Quality(**vars(identification.reliability)),
+        quality=identification.reliability,
         provenance=_Provenance(
             glucoloop=glucoloop.__version__,
             source=source,
