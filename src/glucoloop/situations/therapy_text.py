@@ -339,17 +339,6 @@ def _carb_count(text: str, amount: str) -> CarbCount:
     return CarbCount(percent)
 
 
-def text_of_change(change: Change) -> str:
-    """Text from which the same change is read."""
-    if isinstance(change, BolusShift):
-        when = "earlier" if change.earlier_min > 0.0 else "later"
-        return f"{_BOLUS}, {plain_number(abs(change.earlier_min))} min {when}"
-    if isinstance(change, CarbCount):
-        error = change.percent - 100.0
-        return f"{_CARBS}, {plain_number(abs(error))}% too {'high' if error > 0.0 else 'low'}"
-    return change_text(change)
-
-
 def _texts(items: Iterable[str]) -> tuple[str, ...]:
     """Texts of changes, each of which is one, as they are written."""
     texts = tuple(" ".join(text.split()) for text in items)
