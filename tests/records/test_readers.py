@@ -217,8 +217,8 @@ def test_any_table_whose_columns_are_named(read, refused):
         "no line of its beginning has all of the columns Zeiten, BZ; did you mean 'Zeit'?"
     )
     assert refused(text) == (
-        "no reader knows it: it is text of 41 lines, the first of 4 fields by tabs; name the columns of a table with "
-        "their units, which may be columns='time=Zeit,glucose_mg_dl=BZ,carbs_g=KE' (--columns)"
+        "no reader knows it: it is text of 41 lines, the first of 4 fields by tabs; name its columns, perhaps as "
+        "columns='time=Zeit,glucose_mg_dl=BZ,carbs_g=KE' (--columns), and check the units"
     )
     own = "time,glucose_mmol_l,bolus_U\n2024-03-13T00:03,5.5,\n2024-03-13T00:08,6.0,1.5\n"
     assert read(own).frame["bolus_U"].to_list() == [None, 1.5]

@@ -355,7 +355,7 @@ def reader_of(content: FileText, answers: Answers) -> ReaderComponent:
     if columns:
         raise Refusal(
             f"{_UNKNOWN}: {_seen(content)}{form}",
-            f"name the columns of a table with their units, which may be columns='{columns}' (--columns)",
+            f"name its columns, perhaps as columns='{columns}' (--columns), and check the units",
         )
     raise Refusal(
         f"{_UNKNOWN}: {_seen(content)}{form}. The readers are {choices_text(READERS.names())}",
