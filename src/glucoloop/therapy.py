@@ -239,24 +239,28 @@ def action_per_min(
         a(t) = S / tau^2 t (1 - t / t_d) exp(-t / tau),   tau = t_p (1 - t_p / t_d) / (1 - 2 t_p / t_d)
         S = 1 / (1 - 2 tau / t_d + (1 + 2 tau / t_d) exp(-t_d / tau))
     """
-    tau, _, S = _shape(action_min, peak_min)
+    tau, _, S = _shape(action_min, peak_min, jnp)
     t = jnp.clip(jnp.asarray(t_min, float), 0.0, action_min)
-    return S / tau**2 * t * (1.0 - t / action_min) * jnp.exp(-t / tau)
+    rate: jax.Array = S / tau**2 * t * (1.0 - t / action_min) * jnp.exp(-t / tau)
+    return rate
 
 
 def insulin_left(
-    t_min: jax.typing.ArrayLike, action_min: jax.typing.ArrayLike, peak_min: jax.typing.ArrayLike
-) -> jax.Array:
-    """Part of a dose that has not acted yet, at a time after its action began: 1 before it, and 0 after its end."""
-    tau, a, S = _shape(action_min, peak_min)
-    t = jnp.clip(jnp.asarray(t_min, float), 0.0, action_min)
-    trajectory = (t**2 / (tau * action_min * (1.0 - a)) - t / tau - 1.0) * jnp.exp(-t / tau) + 1.0
+    t_min: jax.typing.ArrayLike, action_min: jax.typing.ArrayLike, peak_min: jax.typing.ArrayLike, xp: Any = jnp
+) -> Any:
+    """Part of a dose that has not acted yet, at a time after its action began: 1 before it, and 0 after its end.
+
+    `xp` is the module that computes it, NumPy for numbers that JAX never traces.
+    """
+    tau, a, S = _shape(action_min, peak_min, xp)
+    t = xp.clip(xp.asarray(t_min, float), 0.0, action_min)
+    trajectory = (t**2 / (tau * action_min * (1.0 - a)) - t / tau - 1.0) * xp.exp(-t / tau) + 1.0
     return 1.0 - S * (1.0 - a) * trajectory
 
 
-def _shape(action_min: jax.typing.ArrayLike, peak_min: jax.typing.ArrayLike) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _shape(action_min: jax.typing.ArrayLike, peak_min: jax.typing.ArrayLike, xp: Any) -> tuple[Any, Any, Any]:
     """Time constant, twice that over the time of action, and scale of the curve."""
-    action, peak = jnp.asarray(action_min, float), jnp.asarray(peak_min, float)
+    action, peak = xp.asarray(action_min, float), xp.asarray(peak_min, float)
     tau = peak * (1.0 - peak / action) / (1.0 - 2.0 * peak / action)
     a = 2.0 * tau / action
-    return tau, a, 1.0 / (1.0 - a + (1.0 + a) * jnp.exp(-action / tau))
+    return tau, a, 1.0 / (1.0 - a + (1.0 + a) * xp.exp(-action / tau))

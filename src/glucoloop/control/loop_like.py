@@ -433,11 +433,11 @@ def rate_of_absorption(x: jax.Array) -> jax.Array:
     return _RATE * jnp.clip(jnp.minimum(x / _RISES_TO, falls), 0.0, 1.0)
 
 
-def part_absorbed(x: jax.Array) -> jax.Array:
+def part_absorbed(x: Any, xp: Any = jnp) -> Any:
     """Part of a meal that is absorbed at a part x of the absorption time, the integral of the rate."""
-    rising = jnp.clip(x, 0.0, _RISES_TO)
-    flat = jnp.clip(x, _RISES_TO, _FALLS_FROM) - _RISES_TO
-    falling = jnp.clip(x, _FALLS_FROM, 1.0) - _FALLS_FROM
+    rising = xp.clip(x, 0.0, _RISES_TO)
+    flat = xp.clip(x, _RISES_TO, _FALLS_FROM) - _RISES_TO
+    falling = xp.clip(x, _FALLS_FROM, 1.0) - _FALLS_FROM
     return _RATE * (rising**2 / (2.0 * _RISES_TO) + flat + falling * (1.0 - falling / (2.0 * (1.0 - _FALLS_FROM))))
 
 
@@ -459,10 +459,9 @@ _LONGEST_MIN: Final = _INSULIN.delay_min + _INSULIN.action_min
 def on_board_curves(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Parts of a dose and of a meal that are on board at whole samples after them, ``(samples,)``, the last ones 0."""
     t_min = sample_time_min * np.arange(np.ceil(_LONGEST_MIN / sample_time_min) + 1)
-    with jax.ensure_compile_time_eval():
-        insulin = insulin_left(t_min - _INSULIN.delay_min, _INSULIN.action_min, _INSULIN.peak_min)
-        carbs = 1.0 - part_absorbed(jnp.asarray((t_min - _CARB_DELAY_MIN) / _MEAL_MIN))
-        return np.asarray(insulin, np.float64), np.asarray(carbs, np.float64)
+    insulin = insulin_left(t_min - _INSULIN.delay_min, _INSULIN.action_min, _INSULIN.peak_min, np)
+    carbs = 1.0 - part_absorbed((t_min - _CARB_DELAY_MIN) / _MEAL_MIN, np)
+    return insulin, carbs
 
 
 def on_board(amounts: npt.ArrayLike, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

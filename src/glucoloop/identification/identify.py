@@ -140,7 +140,7 @@ def identify_record(
             f"Readings of shape {np.shape(record.glucose_mg_dl)} are not one-dimensional: use one record at a time."
         )
     by_pulses = method == "csrs"
-    meals = meal_columns(record)
+    meals = np.asarray(meal_columns(record))
     if by_pulses and not starts_at_rest:
         raise Refusal("Cross-correlation takes the record to start at steady state: use method='least-squares'.")
     if by_pulses and meals.shape[1]:
@@ -149,9 +149,9 @@ def identify_record(
         basal = _median_rate(record, by_pulses or not starts_at_rest)
     else:
         basal = _finite("basal insulin rate", basal_insulin_mU_min)
-    insulin = jnp.asarray(record.insulin_mU_min, dtype=float) - basal
-    glucose = jnp.asarray(record.glucose_mg_dl, dtype=float)
-    if not insulin.any() or (not starts_at_rest and jnp.ptp(insulin) == 0):
+    insulin = np.asarray(record.insulin_mU_min, dtype=float) - basal
+    glucose = np.asarray(record.glucose_mg_dl, dtype=float)
+    if not insulin.any() or (not starts_at_rest and np.ptp(insulin) == 0):
         raise Refusal(
             "The insulin never leaves its basal rate, so the record shows no response to it: record again while it is "
             "moved up and down, as design_csrs does."
@@ -166,16 +166,19 @@ def identify_record(
     free_baseline = baseline_glucose_mg_dl is None
     offset = glucose.mean() if baseline_glucose_mg_dl is None else _finite("baseline glucose", baseline_glucose_mg_dl)
 
-    rows = basis.rows()
+    functions = basis.rows()
+    rows = None if functions is None else np.asarray(functions)
     in_skin = rows is not None and basis.subcutaneous
+    coefficients: Floats | None = None
     if by_pulses:
-        _refuse_correlated(np.asarray(insulin), memory)
-        estimate = cross_correlation(insulin, glucose - offset, memory)
-        coefficients = None if rows is None or in_skin else laguerre_coefficients(estimate, pole, rows.shape[0])
+        _refuse_correlated(insulin, memory)
+        estimate = np.asarray(cross_correlation(insulin, glucose - offset, memory))
+        if rows is not None and not in_skin:
+            coefficients = np.asarray(laguerre_coefficients(estimate, pole, rows.shape[0]))
     else:
 
-        def fit(rows: Array | None) -> Array:
-            return least_squares(
+        def fit(rows: Floats | None) -> Floats:
+            coefficients = least_squares(
                 insulin,
                 glucose - offset,
                 memory,
@@ -184,33 +187,35 @@ def identify_record(
                 basis=rows,
                 beside=meals,
             )
+            return np.asarray(coefficients)
 
         estimate, coefficients = fit(None), None if rows is None else fit(rows)
 
     first = 0 if starts_at_rest else memory
-    past, readings, meals = lagged_inputs(insulin, memory)[first:], (glucose - offset)[first:], meals[first:]
-    constant = jnp.ones((len(readings), int(free_baseline)))
+    past = np.asarray(lagged_inputs(insulin, memory))[first:]
+    readings, meals = (glucose - offset)[first:], meals[first:]
+    constant = np.ones((len(readings), int(free_baseline)))
     # Cross-correlation takes the mean reading for the baseline, as the paper does.
-    other_inputs = meals if by_pulses and not in_skin else jnp.concatenate([meals, constant], axis=1)
+    other_inputs = meals if by_pulses and not in_skin else np.concatenate([meals, constant], axis=1)
     sought = past
     if rows is not None:
         endless = laguerre_realisation(np.ones(rows.shape[0]), pole, memory) is not None
         sought = past @ rows.T
         if starts_at_rest and endless and not (by_pulses and not in_skin):
-            sought = jnp.asarray(filtered_input(insulin, pole, rows.shape[0]))
-            coefficients = jnp.linalg.lstsq(_left(sought, other_inputs)[0], _left(readings, other_inputs)[0])[0]
+            sought = filtered_input(insulin, pole, rows.shape[0])
+            _, coefficients = _left(_left(readings, other_inputs)[0], _left(sought, other_inputs)[0])
     if rows is not None and in_skin:
-        columns, left = (np.asarray(_left(part, other_inputs)[0]) for part in (sought, readings))
-        coefficients = jnp.asarray(subcutaneous_coefficients(columns, left, pole, rows.shape[0], memory))
+        columns, left = (_left(part, other_inputs)[0] for part in (sought, readings))
+        coefficients = subcutaneous_coefficients(columns, left, pole, rows.shape[0], memory)
         sought = sought @ subcutaneous_basis(pole, rows.shape[0], memory)
     smoothed = estimate if rows is None or coefficients is None else rows.T @ coefficients
     network = None if coefficients is None else laguerre_realisation(coefficients, pole, memory)
     model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, realisation=network)
 
     interval = gain_interval(
-        np.asarray(insulin),
-        np.asarray(readings),
-        np.asarray(meals),
+        insulin,
+        readings,
+        meals,
         sample_time_min=record.sample_time_min,
         gain_scale=_gain_scale(record),
         starts_at_rest=starts_at_rest,
@@ -218,23 +223,25 @@ def identify_record(
     columns = np.concatenate([sought, meals, constant], axis=1)
 
     left_by_estimate, _ = _left(readings - past @ estimate, other_inputs)
-    moved = model.predict(insulin)[first:]
+    moved = np.asarray(model.predict(insulin))[first:]
     left_by_model, of_other_inputs = _left(readings - moved, other_inputs)
     baseline = float(offset + of_other_inputs[meals.shape[1] :].sum())
-    moved_percent = None if meals.shape[1] or not baseline > 0.0 else 100.0 * float(jnp.abs(moved).max()) / baseline
+    moved_percent = None if meals.shape[1] or not baseline > 0.0 else 100.0 * float(np.abs(moved).max()) / baseline
     return Identification(
         model=model,
-        impulse_response=estimate,
-        smoothed_impulse_response=smoothed,
-        laguerre_coefficients=jnp.zeros(0) if coefficients is None else coefficients,
+        impulse_response=jnp.asarray(estimate),
+        smoothed_impulse_response=jnp.asarray(smoothed),
+        laguerre_coefficients=jnp.asarray(np.zeros(0) if coefficients is None else coefficients),
         laguerre_pole=pole,
         basal_insulin_mU_min=basal,
         baseline_glucose_mg_dl=baseline,
-        smoothing_residual_norm=float(jnp.linalg.norm(estimate - smoothed)),
+        smoothing_residual_norm=float(np.linalg.norm(estimate - smoothed)),
         estimate_rms_mg_dl=_rms(left_by_estimate),
         model_rms_mg_dl=_rms(left_by_model),
-        meal_impulse_response=meal_impulse_response(of_other_inputs[: meals.shape[1]], record.sample_time_min),
-        reliability=reliability(columns, np.asarray(readings), interval, moved_percent),
+        meal_impulse_response=meal_impulse_response(
+            jnp.asarray(of_other_inputs[: meals.shape[1]]), record.sample_time_min
+        ),
+        reliability=reliability(columns, readings, interval, moved_percent),
         method=method,
     )
 
@@ -284,11 +291,11 @@ def chosen_basis(
     return chosen(bases, regression, insulin.size)
 
 
-def _left(readings: Array, columns: Array) -> tuple[Array, Array]:
+def _left(readings: Floats, columns: Floats) -> tuple[Floats, Floats]:
     """Residuals of the readings after a fit of the columns, and the coefficients of the fit."""
     if not columns.shape[1]:
-        return readings, jnp.zeros(0)
-    coefficients = jnp.linalg.lstsq(columns, readings)[0]
+        return readings, np.zeros(0)
+    coefficients = np.asarray(np.linalg.lstsq(columns, readings)[0], np.float64)
     return readings - columns @ coefficients, coefficients
 
 
@@ -341,5 +348,5 @@ def _refuse_correlated(insulin: np.ndarray[tuple[int, ...], np.dtype[np.float64]
         )
 
 
-def _rms(residuals: Array) -> float:
-    return float(jnp.sqrt(jnp.mean(residuals**2)))
+def _rms(residuals: Floats) -> float:
+    return float(np.sqrt(np.mean(residuals**2)))

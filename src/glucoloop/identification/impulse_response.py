@@ -2,10 +2,13 @@
 
 The input has N samples u_0..u_(N-1) and the output N + 1 readings y_0..y_N, both as deviations from a steady state;
 u_k is held from reading k to reading k + 1. Both estimates are JAX functions of the readings, so `jax.vmap` runs them
-over noise realisations; what can be refused is refused on values that aren't traced.
+over noise realisations; values that aren't traced are computed with NumPy, where nothing is compiled, and what can be
+refused is refused on them.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +16,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from glucoloop.arguments import is_traced
 from glucoloop.identification import _check
 from glucoloop.models.step_response import lagged_inputs
 from glucoloop.refusal import Refusal
@@ -57,9 +61,11 @@ def cross_correlation(insulin_deviation: ArrayLike, glucose_deviation: ArrayLike
     known = _check.concrete(insulin_deviation)
     if known is not None and not known.any():
         raise Refusal("The insulin never leaves its steady rate, so it shows no response: use design_csrs.")
-    insulin = jnp.asarray(insulin_deviation, dtype=float)
-    glucose = jnp.asarray(glucose_deviation, dtype=float)
-    return lagged_inputs(insulin, memory).T @ glucose / (insulin @ insulin)
+    past = lagged_inputs(insulin_deviation, memory)
+    xp: Any = jnp if is_traced(past, glucose_deviation) else np
+    insulin = xp.asarray(insulin_deviation, dtype=float)
+    glucose = xp.asarray(glucose_deviation, dtype=float)
+    return jnp.asarray(xp.asarray(past).T @ glucose / (insulin @ insulin))
 
 
 def least_squares(
@@ -106,7 +112,9 @@ def least_squares(
     memory = _check.whole_number("The memory", memory, 1)
     _check.input_and_readings(insulin_deviation, glucose_deviation)
     samples = np.shape(insulin_deviation)[0]
-    others = jnp.zeros((samples + 1, 0)) if beside is None else jnp.asarray(beside, dtype=float)
+    past = lagged_inputs(insulin_deviation, memory)
+    xp: Any = jnp if is_traced(past, glucose_deviation, basis, beside) else np
+    others = xp.zeros((samples + 1, 0)) if beside is None else xp.asarray(beside, dtype=float)
     sought = memory if basis is None else np.shape(basis)[0]
     first = 0 if starts_at_rest else memory
     unknowns = sought + others.shape[1]
@@ -118,10 +126,10 @@ def least_squares(
             f"at least {least} samples are needed. Lengthen the record or shorten the memory."
         )
 
-    regressors = lagged_inputs(insulin_deviation, memory)[first:]
+    regressors = xp.asarray(past)[first:]
     if basis is not None:
-        regressors = regressors @ jnp.asarray(basis, dtype=float).T
-    readings = jnp.asarray(glucose_deviation, dtype=float)[first:]
+        regressors = regressors @ xp.asarray(basis, dtype=float).T
+    readings = xp.asarray(glucose_deviation, dtype=float)[first:]
     whole = regressors
     if free_baseline:
         # A fitted constant is the same as the deviation of every column from its mean.
@@ -130,15 +138,15 @@ def least_squares(
     if others.shape[1]:
         # What is fitted along with h is the same as what it leaves of every column (Frisch and Waugh, 1933).
         others = others[first:]
-        regressors = regressors - others @ jnp.linalg.lstsq(others, regressors)[0]
-        readings = readings - others @ jnp.linalg.lstsq(others, readings)[0]
+        regressors = regressors - others @ xp.linalg.lstsq(others, regressors)[0]
+        readings = readings - others @ xp.linalg.lstsq(others, readings)[0]
     known = None if _check.concrete(insulin_deviation) is None else _check.concrete(regressors)
-    if known is not None and (rank := _rank(known, float(jnp.linalg.norm(whole)))) < sought:
+    if known is not None and (rank := _rank(known, float(xp.linalg.norm(whole)))) < sought:
         raise Refusal(
             f"The insulin record excites only {rank} of the {sought} coefficients asked for: shorten the memory, "
             "or use an input that changes more often (design_csrs, random_binary_sequence)."
         )
-    return jnp.linalg.lstsq(regressors, readings)[0]
+    return jnp.asarray(xp.linalg.lstsq(regressors, readings)[0])
 
 
 def _rank(columns: NDArray[np.float64], size: float) -> int:

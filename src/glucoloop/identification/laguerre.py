@@ -7,7 +7,7 @@ Implementation Using MATLAB, Springer 2009, section 3.2.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._kept_programs import kept_jit
 from glucoloop._pytree import pytree
+from glucoloop.arguments import is_traced
 from glucoloop.identification import _check
 from glucoloop.models.step_response import Realisation
 from glucoloop.refusal import Refusal
@@ -198,7 +199,8 @@ def _network(pole: Array, functions: int) -> tuple[Array, Array]:
 
 def _fit(basis: Array, response: Array) -> Array:
     # Over a finite memory the functions aren't quite orthonormal, hence least squares and not inner products.
-    return jnp.linalg.lstsq(basis.T, response)[0]
+    xp: Any = jnp if is_traced(basis, response) else np
+    return jnp.asarray(xp.linalg.lstsq(xp.asarray(basis).T, xp.asarray(response))[0])
 
 
 def _memory(impulse_response: ArrayLike) -> int:

@@ -34,7 +34,7 @@ def meal_memory(sample_time_min: float) -> int:
 def meal_columns(record: Record) -> Array:
     """Regressors of the meals of a record, ``(N + 1, 4)`` at the usual sample times; ``(N + 1, 0)`` without meals."""
     if record.carbs_g is None or not np.any(np.asarray(record.carbs_g)):
-        return jnp.zeros((np.shape(record.insulin_mU_min)[0] + 1, 0))
+        return jnp.asarray(np.zeros((np.shape(record.insulin_mU_min)[0] + 1, 0)))
     basis = _basis(record.sample_time_min)
     return lagged_inputs(record.carbs_g, basis.shape[1]) @ basis.T
 

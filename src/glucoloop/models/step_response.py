@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final, Self
 
-from glucoloop._lazy_jax import jax, jit, jnp, np
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop._representation import represented
 from glucoloop.arguments import is_traced
@@ -97,13 +97,16 @@ class StepResponseModel:
                 )
         if realisation is not None and not is_traced(realisation, impulse_response):
             refuse_other_response(realisation, impulse_response)
-        step_response = jnp.cumsum(jnp.asarray(impulse_response, dtype=float), axis=0)
+        xp: Any = jnp if is_traced(impulse_response) else np
+        step_response = jnp.asarray(xp.cumsum(xp.asarray(impulse_response, dtype=float), axis=0))
         return cls(step_response=step_response, sample_time_min=float(sample_time_min), realisation=realisation)
 
     @property
     def impulse_response(self) -> jax.Array:
         """h_1..h_M [mg/dl per mU/min], the increments of the step response; shape (M,)."""
-        return jnp.diff(self.step_response, axis=0, prepend=jnp.zeros_like(self.step_response[:1]))
+        xp: Any = jnp if is_traced(self.step_response) else np
+        steps = xp.asarray(self.step_response)
+        return jnp.asarray(xp.diff(steps, axis=0, prepend=xp.zeros_like(steps[:1])))
 
     @property
     def gain(self) -> jax.Array:
@@ -131,11 +134,13 @@ class StepResponseModel:
 
     def predict(self, insulin_deviation: jax.typing.ArrayLike) -> jax.Array:
         """Glucose deviations y_0..y_N from rest under insulin deviations u_0..u_(N-1), each held over a sample."""
-        if self.realisation is None:
-            return lagged_inputs(insulin_deviation, self.memory) @ self.impulse_response
-        longer = extended(self.step_response, self.realisation, np.shape(insulin_deviation)[0])
-        whole = dataclasses.replace(self, step_response=longer)
-        return lagged_inputs(insulin_deviation, whole.memory) @ whole.impulse_response
+        whole = self
+        if self.realisation is not None:
+            longer = extended(self.step_response, self.realisation, np.shape(insulin_deviation)[0])
+            whole = dataclasses.replace(self, step_response=longer)
+        past, response = lagged_inputs(insulin_deviation, whole.memory), whole.impulse_response
+        xp: Any = jnp if is_traced(past, response) else np
+        return jnp.asarray(xp.asarray(past) @ xp.asarray(response))
 
 
 def extended(step_response: Any, realisation: Realisation | None, samples: int) -> Any:
@@ -144,7 +149,8 @@ def extended(step_response: Any, realisation: Realisation | None, samples: int) 
     missing = samples - memory
     if missing <= 0:
         return step_response
-    xp: Any = jnp if is_traced(step_response, realisation) or isinstance(step_response, jax.Array) else np
+    xp: Any = jnp if is_traced(step_response, realisation) else np
+    step_response = xp.asarray(step_response)
     after = xp.repeat(step_response[-1:], missing, axis=0)
     if realisation is not None:
         states = realisation.advanced(memory).states(missing)
@@ -178,19 +184,15 @@ def refuse_other_response(realisation: Realisation, impulse_response: jax.typing
 
 def lagged_inputs(insulin_deviation: jax.typing.ArrayLike, memory: int) -> jax.Array:
     """Past inputs on which each reading depends: row k is u_(k-1), ..., u_(k-M), with zeros before the record."""
-    insulin = jnp.asarray(insulin_deviation, dtype=float)
+    xp: Any = jnp if is_traced(insulin_deviation) else np
+    insulin = xp.asarray(insulin_deviation, dtype=float)
     if insulin.ndim != 1:
         raise Refusal(
             f"An insulin sequence of shape {insulin.shape} is not one-dimensional: "
             "give one value per sample, and use jax.vmap for several sequences."
         )
-    past: jax.Array = _lagged(insulin, memory)
+    padded = xp.concatenate([np.zeros(memory), insulin])
+    reading = np.arange(insulin.shape[0] + 1)[:, None]
+    lag = np.arange(1, memory + 1)[None, :]
+    past: jax.Array = jnp.asarray(padded[memory + reading - lag])
     return past
-
-
-@jit(static_argnames="memory")
-def _lagged(insulin: jax.Array, memory: int) -> jax.Array:
-    padded = jnp.concatenate([jnp.zeros(memory), insulin])
-    reading = jnp.arange(insulin.shape[0] + 1)[:, None]
-    lag = jnp.arange(1, memory + 1)[None, :]
-    return padded[memory + reading - lag]

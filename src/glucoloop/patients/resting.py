@@ -25,7 +25,7 @@ class Rest:
     """Steady state ``(states, ...)`` under a rate in mU/min."""
     holding: Callable[[Constants, jax.Array], jax.Array]
     """Rate in mU/min that holds a glucose in mg/dl; NaN where none of 0 or more does."""
-    glucose_mg_dl: Callable[[Constants, jax.Array], jax.Array]
+    glucose_mg_dl: Callable[[Constants, Any], Any]
     """Glucose that is controlled, from the state."""
     largest_mU_min: Callable[[Constants], ArrayLike]
     """Rate under which glucose would rest at 0 mg/dl."""
@@ -47,7 +47,7 @@ class Rest:
                     "give a finite rate of 0 or more"
                 )
             x = _kept(self.under, p, jnp.asarray(u))
-            above = np.asarray(self.glucose_mg_dl(p, x)) > 0.0
+            above = np.asarray(self.glucose_mg_dl(p, np.asarray(x))) > 0.0
             if not np.all(above):
                 raise Refusal(
                     f"no physiological steady state exists at {_first(u, ~above):g} mU/min: {self.beyond}; "

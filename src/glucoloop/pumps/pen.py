@@ -144,7 +144,8 @@ class Pen(PumpAround, name="pen"):
         )
 
     def _left(self, since_min: jax.Array) -> jax.Array:
-        return insulin_left(since_min, self.action_min, self.peak_min)
+        left: jax.Array = insulin_left(since_min, self.action_min, self.peak_min)
+        return left
 
     def _rounded(self, dose_mU: jax.Array) -> jax.Array:
         """The nearest dose of whole steps."""

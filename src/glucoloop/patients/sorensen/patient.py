@@ -15,7 +15,7 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from glucoloop._lazy_jax import jax, jnp, np, npt
+from glucoloop._lazy_jax import jax, jit, jnp, np, npt
 from glucoloop.arguments import checked
 from glucoloop.component.setting import Default
 from glucoloop.patients.component import OperatingPoint, PatientComponent
@@ -201,10 +201,8 @@ class SorensenPatient(PatientComponent, name="parker-1999"):
         the worst of them a quarter of what it is when linearising at steady state.
         """
         x = self.steady_state(self.basal_insulin_mU_min)
-        insulin = insulin_at_rest(self.parameters, _WORKING_INSULIN * self.basal_insulin_mU_min)
-        on_production, on_uptake, *_ = sorensen.insulin_effects(self.parameters, insulin)
-        production, uptake = (sorensen.STATE_NAMES.index(name) for name in ("A_IHGP", "A_IHGU"))
-        return x.at[sorensen.INSULIN].set(insulin).at[production].set(on_production).at[uptake].set(on_uptake)
+        state: jax.Array = _at_work(self.parameters, x, self.basal_insulin_mU_min)
+        return state
 
     def stiff_couplings(self) -> npt.NDArray[np.bool_]:
         """Mask of glucose with glucose: blood flow mixes it within minutes; its regulation acts within half an hour."""
@@ -227,6 +225,15 @@ class SorensenPatient(PatientComponent, name="parker-1999"):
     def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
         """Nonlinear part of the glucose and regulation balances `(12, ...)`."""
         return sorensen.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
+
+
+@jit()
+def _at_work(p: SorensenParameters, x: jax.Array, basal_mU_min: jax.Array) -> jax.Array:
+    """The working state, from the state at rest under the basal rate."""
+    insulin = insulin_at_rest(p, _WORKING_INSULIN * basal_mU_min)
+    on_production, on_uptake, *_ = sorensen.insulin_effects(p, insulin)
+    production, uptake = (sorensen.STATE_NAMES.index(name) for name in ("A_IHGP", "A_IHGU"))
+    return x.at[sorensen.INSULIN].set(insulin).at[production].set(on_production).at[uptake].set(on_uptake)
 
 
 def _explained(x: jax.Array, lowest_mg_dl: jax.Array) -> jax.Array:
