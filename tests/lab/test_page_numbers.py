@@ -3,10 +3,12 @@
 import base64
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -235,7 +237,10 @@ def test_the_package_data_are_those_that_would_be_built_now(data, of_page, tmp_p
     assert data["functions"] == build._layout(of_page), SENTENCE
     if None in (_linker_path(), _clang_path()) or build._tools() != data["tools"]:
         pytest.skip(f"the module was built with {data['tools']}, which are not here")
-    subprocess.run([sys.executable, "-m", "glucoloop.lab.build", str(tmp_path)], check=True)
+    quick = Path(os.environ["XLA_FLAGS"]).read_text()  # see `quick_to_compile.set_flags`
+    flags = {**build.INSTRUCTIONS, "XLA_FLAGS": f"{quick} {build.INSTRUCTIONS['XLA_FLAGS']}"}
+    command = [sys.executable, "-m", "glucoloop.lab.build", str(tmp_path)]
+    subprocess.run(command, check=True, env={**os.environ, **flags})
     found, expected = (tmp_path / MODULE.name).read_bytes(), MODULE.read_bytes()
     assert len(found) == len(expected), SENTENCE
     # The tables of functions with loops follow from designs, whose last digits differ between processors.

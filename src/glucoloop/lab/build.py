@@ -50,7 +50,7 @@ from glucoloop.native.targets.wasm import numbers_per_person, tool_versions, was
 from glucoloop.refusal import Refusal
 
 _GUARDED: Final = "_guarded"
-_INSTRUCTIONS: Final = {"XLA_FLAGS": "--xla_cpu_max_isa=AVX2", "OPENBLAS_CORETYPE": "Haswell"}
+INSTRUCTIONS: Final = {"XLA_FLAGS": "--xla_cpu_max_isa=AVX2", "OPENBLAS_CORETYPE": "Haswell"}
 """Settings by which XLA and the linear algebra of NumPy use the instructions of 2013, on any newer processor."""
 
 
@@ -113,9 +113,9 @@ def _layout(functions: Mapping[str, PageFunction]) -> dict[str, Any]:
 
 def main() -> None:
     """Write the package data, or into a folder that is given as the argument."""
-    if any(os.environ.get(name) != value for name, value in _INSTRUCTIONS.items()):
+    if any(value not in os.environ.get(name, "").split() for name, value in INSTRUCTIONS.items()):
         command = [sys.executable, "-m", "glucoloop.lab.build", *sys.argv[1:]]
-        raise SystemExit(subprocess.run(command, env={**os.environ, **_INSTRUCTIONS}, check=False).returncode)
+        raise SystemExit(subprocess.run(command, env={**os.environ, **INSTRUCTIONS}, check=False).returncode)
     functions = _functions()
     data = {"tools": _tools(), "functions": _layout(functions), **numbers()}
     text = json.dumps(data, separators=(",", ":"), allow_nan=False) + "\n"
