@@ -71,7 +71,7 @@ class Ridge(ForecastMethod, name="ridge"):
         About(
             "Weight of the squared coefficients of standardised features, for each forecast.", above=0.0, at_most=100.0
         ),
-    ] = 0.001
+    ] = 0.01
 
     def predictor(self, training: GriddedRecord) -> Predictor:
         """Coefficients of least squares with a penalty, with the meals and boluses of the user known."""
