@@ -53,7 +53,7 @@ _PER_DAY: Final = re.compile(
 )
 _WORDS: Final = {
     "glucose": r"glu[ck]o|glyc|glic|zucker|(?<![a-z])(bg|bz|sgv|egv|cgm)(?![a-z])",
-    "carbs_g": r"carb|kohlenh|koolh|glucid|hidrat|kolhyd|(?<![a-z])(kh|ke|be|cho)(?![a-z])",
+    "carbs_g": r"carb|kohlenh|koolh|glucid|hidrat|kolhyd|(?<![a-z])(kh|ke|cho)(?![a-z])|\(be\)",
     "bolus_U": r"bolus|bolo",
     "basal_U_h": r"basal",
     "glucagon_ug": r"glu[ck]agon",
