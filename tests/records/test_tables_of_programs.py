@@ -98,6 +98,11 @@ def test_the_columns_that_a_refusal_names_can_be_given(read, refused):
             assert columns.count("=") == number
             assert read(text, columns=columns).frame["glucose_mg_dl"].drop_nulls().is_between(99, 111).all()
     assert "columns='time=Zeit,glucose_mg_dl=BZ'" in refused("a,b\n1,2\n")
+    for name in ("time Jane", "Jane: glucose mg/dl", "glucoseJane"):
+        with naming(name):
+            assert "Jane" not in refused(f"{name},timestamp,BZ (mg/dl),KH (g)\n1,2024-03-13 00:03,100,\n")
+            record = read(f"time,glucose_mg_dl,{name}\n2024-03-13 00:03,100,5\n")
+            assert "Jane" not in " ".join(record.notes)
 
 
 def test_a_parquet_file_that_cannot_be_read_or_unfolds_too_far(refused, monkeypatch):

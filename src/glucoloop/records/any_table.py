@@ -17,7 +17,7 @@ from glucoloop.records.reader import ReaderComponent
 from glucoloop.records.record import AUTOMATIC, MANUAL
 from glucoloop.records.times import from_utc, times_of
 from glucoloop.refusal import Refusal
-from glucoloop.text import the_first
+from glucoloop.text import how_many, the_first
 from glucoloop.units import MIN_PER_DAY, S_PER_MIN
 
 _UNITS: Final = {"glucose_mg_dl": "mg/dl", "glucose_mmol_l": "mmol/l"}
@@ -65,8 +65,15 @@ _OF_TIMES: Final = re.compile(
     r"|date (and|&) time|datum (und|/) (uhr)?zeit|date et heure|fecha y hora|data e ora)\b(?!.*zone)"
 )
 _OF_DATES: Final = re.compile(r"(?i)^(date|datum|jour|fecha|giorno|dato|data)$")
-_LONGEST_NAME: Final = 40
-"""Longest name of a column that a message repeats."""
+_PLAIN: Final = re.compile(
+    "time|timestamp|date|datetime|local|event|ts|zeit|uhrzeit|zeitpunkt|zeitstempel|datum|heure|hora|ora|tijd|tid|godzina"
+    "|fecha|data|jour|giorno|dato|and|und|et|y|e|of|by|per|glu[ck]os[eao]|glucosio|gly[ck]ose|gl[iy]c[aeé]+mi[ae]|glucemia"
+    "|blood|sugar|zucker|blutzucker|glu[ck]osewert|bg|bz|sgv?|egv|cgm|sensor|meter|historic|readings?|values?|level|wert"
+    "|carbs?|carbohydrates?|kohlenhydrate?|koolhydraten|glucides|hidratos|carboidrati|kolhydrater|kh|ke|be|cho"
+    "|insulin[ea]?|bolus|basale?|basaal|basalrate|rates?|doses?|amount|size|input|delivered|total|daily|meal|food|correction"
+    "|extended|normal|temporary|long|acting|rapid|glu[ck]agon|mg|dl|mmol|l|g|grams?|m?u|iu|ie|ui|units?|h|hr|hour|min|d|day|ug"
+)
+"""Words of which the name of a column may consist that is told: with any other it may name a person."""
 _CLOCK: Final = r"(?i)^\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*$"
 
 
@@ -150,7 +157,7 @@ def proposed_columns(content: FileText) -> str:
             " ".join(text.strip().strip('"').split())
             for text in fields_of(content.beginning_as_table.head[number], delimiter)
         ]
-        names = [name for name in names if 0 < len(name) <= _LONGEST_NAME and not set(name) & set(",=|'")]
+        names = [name for name in names if _is_plain(name) and not set(name) & set(",=|'")]
         times = [name for name in names if _OF_TIMES.search(name)]
         dates = [name for name in names if _OF_DATES.search(name)]
         values = {
@@ -175,7 +182,16 @@ def _on_unused(frame: pl.DataFrame, used: set[str]) -> list[str]:
     filled = [name for name in names if frame[name].str.strip_chars().replace("", None).drop_nulls().len()]
     if not filled:
         return []
-    return [f"Not used, for they are not named: the columns {the_first([repr(name) for name in filled])}."]
+    told = [repr(name) for name in filled if _is_plain(name)]
+    others = len(filled) - len(told)
+    told += [how_many(others, "with other words in its name", "with other words in their names")] if others else []
+    return [f"Not used, for they are not named: the columns {the_first(told)}."]
+
+
+def _is_plain(name: str) -> bool:
+    """Whether the name of a column has words and only such as name what it holds, its unit or its time."""
+    words = re.findall(r"[^\W\d_]+", name.casefold())
+    return bool(words) and all(map(_PLAIN.fullmatch, words))
 
 
 def _refuse_other_units(columns: Mapping[str, str], answers: Answers) -> None:
